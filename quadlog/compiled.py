@@ -39,8 +39,8 @@ def _say_that_nothing_is_kept() -> None:
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Called from Python, and by other compiled functions too."""
-    return cached(error_model="numpy", **_NO_CFUNC)(function)
+    """Called from Python, in several threads at once, and by other compiled functions too."""
+    return cached(error_model="numpy", nogil=True, **_NO_CFUNC)(function)
 
 
 def inner(function: Callable[..., Any]) -> Any:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import groupby, islice
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,11 +19,12 @@ from quadlog.lidar.levelling import NotLevelled
 from quadlog.mapping.grid import GrowingLattice, SlidingLattice, window_around
 from quadlog.mapping.memory import AccumulatedMap, GroundHeight, LogOddsMemory
 from quadlog.mapping.placing import NO_TOP, PlacingSettings, place_scan, reach_of
-from quadlog.messages import Float, Int
+from quadlog.messages import Float
+from quadlog.pipelines.executor.machine import cores
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData
-from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, TimedScan, even_sample
-from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
+from quadlog.pipelines.stages.scans import MOST_AHEAD, ROUTE_WORDS, Scanner, TimedScan, even_sample
+from quadlog.pipelines.stages.tracks import Tracks
 from quadlog.recordings.types import PLANAR_SCANS
 from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.tables import TABLES, TableWriter
@@ -31,7 +34,7 @@ from quadlog.storage.formats.ros_map import write_rosmap
 def filter_scans(folder: Path, journal: Journal, config: Config, data: LogData, tracks: Tracks, seed: int) -> None:
     """Stage `filter` alone: scans.parquet and the cloud samples."""
     with journal.clock.stage("filter"):
-        for _ in _filtered(folder, journal, config, data, tracks.robot, Scanner(config, seed, data)):
+        for _ in _filtered(folder, journal, config, data, tracks, Scanner(config, seed, data)):
             pass
 
 
@@ -42,8 +45,8 @@ def filter_and_map(folder: Path, journal: Journal, config: Config, data: LogData
         journal.clock.stage("filter", "map") as lap,
         MapsWriter(folder / "maps.npz", config.grid.cell_m, shape) as maps,
     ):
-        mapper, scanner = _Mapper(config, tracks.target, maps), Scanner(config, seed, data)
-        for scan, place in _filtered(folder, journal, config, data, tracks.robot, scanner):
+        mapper, scanner = _Mapper(config, maps), Scanner(config, seed, data)
+        for scan, place in _filtered(folder, journal, config, data, tracks, scanner):
             lap("filter")
             mapper.add(journal, scan, place)
             lap("map")
@@ -55,28 +58,41 @@ def filter_and_map(folder: Path, journal: Journal, config: Config, data: LogData
 class ScanPlace(NamedTuple):
     """Poses x, y, yaw (3,) at a scan's stamp and (K, 3) at its time slots, NaN where unknown.
 
-    skewed: why the scan cannot be deskewed by them, or None.
+    skewed: why the scan cannot be deskewed by them, or None. target_m: (2,) where the followed body is, NaN if nowhere.
     """
 
     pose: Float
     slot_pose: Float
     skewed: Skewed | None
+    target_m: Float
 
 
 ROUNDING_NS = 1_000_000
 """Of a scan's middle, which is found from its times in two ways."""
 
 
-def place_of(t_ns: int, slot_ns: Int, robot: RobotTrack, max_gap_s: float) -> ScanPlace:
-    """The place of a scan, given by its stamp and the middles of its time slots (K,)."""
-    found = robot.poses_at(np.array([t_ns, *slot_ns], dtype=np.int64), max_gap_s)
-    if robot.source == "lidar":
-        # A scan that gave no pose at its own middle was lost: it shows another place than the map's.
-        middle_ns = int(slot_ns[0]) + (int(slot_ns[-1]) - int(slot_ns[0])) // 2
-        first, end = np.searchsorted(robot.t_ns, [middle_ns - ROUNDING_NS, middle_ns + ROUNDING_NS])
-        found = found if end > first else np.full_like(found, np.nan)
-    at_slots, skewed = slot_poses(t_ns, slot_ns, found)
-    return ScanPlace(found[0], at_slots, skewed if robot.source != "fixed" else Skewed.NO_TIMES)
+def places_of(scans: Sequence[TimedScan], tracks: Tracks, max_gap_s: float) -> Iterator[ScanPlace]:
+    """The places of scans, by their stamps and the middles of their time slots (K,) each.
+
+    Poses of one scan take as long to find as those of several.
+    """
+    robot, target = tracks.robot, tracks.target
+    for _, alike in groupby(scans, lambda scan: len(scan.slot_ns)):
+        at_ns = np.array([(scan.t_ns, *scan.slot_ns.tolist()) for scan in alike], np.int64)
+        found = robot.poses_at(at_ns.ravel(), max_gap_s).reshape(*at_ns.shape, 3)
+        if robot.source == "lidar":
+            # A scan that gave no pose at its own middle was lost: it shows another place than the map's.
+            middle_ns = at_ns[:, 1] + (at_ns[:, -1] - at_ns[:, 1]) // 2
+            first, end = (np.searchsorted(robot.t_ns, middle_ns + off_ns) for off_ns in (-ROUNDING_NS, ROUNDING_NS))
+            found[end <= first] = np.nan
+        slot_pose, skewed = slot_poses(at_ns, found)
+        skewed = skewed if robot.source != "fixed" else [Skewed.NO_TIMES] * len(at_ns)
+        # Returns of a target with a body are kept out of the map.
+        if target is not None and target.has_body:
+            target_m = target.at(at_ns[:, 0])
+        else:
+            target_m = np.full((len(at_ns), 2), np.nan)
+        yield from map(ScanPlace, found[:, 0], slot_pose, skewed, target_m)
 
 
 def deskewed(xyz_m: Float, slot: NDArray[np.uint8], pose: Float, slot_pose: Float) -> NDArray[np.float32]:
@@ -89,22 +105,20 @@ def deskewed(xyz_m: Float, slot: NDArray[np.uint8], pose: Float, slot_pose: Floa
 
 
 def _filtered(
-    folder: Path, journal: Journal, config: Config, data: LogData, robot: RobotTrack, scanner: Scanner
+    folder: Path, journal: Journal, config: Config, data: LogData, tracks: Tracks, scanner: Scanner
 ) -> Iterator[tuple[TimedScan, ScanPlace]]:
     """Every scan with its place; writes its row, and at the end the samples, and what is to be known of all."""
     journal.progress.begin("filter", len(data.streams.clouds_ns))
     tally, gap_s = _Tally(), config.lidar.pose_gap_s
     sampled, samples = even_sample(len(data.streams.clouds_ns), config.results.cloud_samples), list[_Sample]()
     with TableWriter(folder / "scans.parquet", TABLES["scans"]) as table:
-        for number, (t_ns, sweeps) in enumerate(data.turns()):
-            scan = scanner.classified(t_ns, sweeps)
-            place = place_of(t_ns, scan.slot_ns, robot, gap_s)
+        for number, (scan, place) in enumerate(_placed(scanner, data, tracks, gap_s)):
             table.add_row(scan.row)
             if number in sampled:
                 samples.append(_Sample.of(scan, place))
             tally.count(journal, scan, place)
             yield scan, place
-            journal.progress.advance((t_ns - data.first_ns) * 1e-9)
+            journal.progress.advance((scan.t_ns - data.first_ns) * 1e-9)
     write_arrays(folder, "cloud_samples", _samples(samples))
     journal.lose(data.log.recording.losses)
     journal.warn(*data.log.recording.warnings)
@@ -116,6 +130,13 @@ def _filtered(
     planar = all({*data.log.recording.types_of(topic)} <= PLANAR_SCANS for topic in lidars)
     where = f" ({', '.join(lidars)}: {data.log.roles.of_topic(lidars[0])[1]})"
     tally.tell(journal, config, where, planar=planar)
+
+
+def _placed(scanner: Scanner, data: LogData, tracks: Tracks, gap_s: float) -> Iterator[tuple[TimedScan, ScanPlace]]:
+    # The workers of a batch share the cores already.
+    scans = scanner.all(data.turns(), cores() if parent_process() is None else 1)
+    while block := list(islice(scans, MOST_AHEAD)):
+        yield from zip(block, places_of(block, tracks, gap_s), strict=True)
 
 
 UNUSUAL = {
@@ -204,10 +225,8 @@ def _samples(scans: Sequence[_Sample]) -> dict[str, Any]:
 class _Mapper:
     """Lays scans on the grid, one after the other: the map at each, and those of the whole run."""
 
-    def __init__(self, config: Config, target: TargetTrack | None, maps: MapsWriter) -> None:
+    def __init__(self, config: Config, maps: MapsWriter) -> None:
         self._grid, self._height_mm, self._maps = config.grid, round(config.robot.body_m[2] * 1000), maps
-        # Returns of a target with a body are kept out of the map.
-        self._target = target if target is not None and target.has_body else None
         self._placing = _placing_settings(config)
         self._memory = make_memory(config)
         self._whole = AccumulatedMap(config.grid.cell_m)
@@ -220,10 +239,8 @@ class _Mapper:
         if not np.isfinite(place.pose).all():
             journal.count("scans_without_pose")
             return
-        at_ns = np.array([scan.t_ns], np.int64)
-        target_m = np.full(2, np.nan) if self._target is None else self._target.at(at_ns)[0]
         window = window_around(place.pose[:2], self._grid.cell_m, self._grid.size_cells)
-        placed = place_scan(scan.found, place.slot_pose, window, target_m, self._placing)
+        placed = place_scan(scan.found, place.slot_pose, window, place.target_m, self._placing)
         now = placed.top_mm > NO_TOP if self._memory is None else self._memory.add(scan.t_ns, window, placed)
         self._maps.append(scan.t_ns, window.origin_m, now)
         # An obstacle lower than the robot blocks, even if rays pass above it.

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,7 +16,7 @@ from quadlog.lidar.classified_scan import ClassifiedScan, PointClass, merged
 from quadlog.lidar.deskew import Skewed, sweep_span
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations
 from quadlog.lidar.paper_method import PaperSettings
-from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
+from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier, Seen
 from quadlog.messages import Float, Int, PointCloud
 from quadlog.pipelines.stages.scanners import Sweep
 from quadlog.positioning.lidar_odometry import (
@@ -64,37 +66,95 @@ class TimedScan(NamedTuple):
     found: ClassifiedScan
 
 
+Turn = tuple[int, Sequence[Sweep]]
+"""When clouds of all scanners were taken as one, and each."""
+Seens = tuple[Seen, ...]
+"""What each scanner has shown."""
+MOST_AHEAD = 4
+"""So many turns wait for a thread or to be taken; as many as are placed at once, so that no thread waits meanwhile."""
+
+
+class _Ahead(NamedTuple):
+    """A turn that is classified in a thread, by what scanners will have shown before it; foreseen: with it."""
+
+    turn: Turn
+    given: Seens
+    foreseen: Seens | None
+    found: Future[tuple[TimedScan, Seens]]
+
+
 class Scanner:
-    """Classifies clouds one by one, those of each of several scanners by themselves."""
+    """Classifies clouds, those of each of several scanners by themselves."""
 
     def __init__(self, config: Config, seed: int, data: LogData) -> None:
         mounts = [data.mount] if data.scanners is None else [each.mount for each in data.scanners.each]
         self._mounts, self._up = [each.transform_lidar_to_base for each in mounts], data.up
-        settings, uses_times = _classifier_settings(config), config.lidar.deskew
-        self._classifiers = [ScanClassifier(settings, seed, uses_times=uses_times) for _ in mounts]
+        self._classifier = ScanClassifier(_classifier_settings(config), seed, uses_times=config.lidar.deskew)
+        self._seen = (Seen(),) * len(mounts)
+
+    def all(self, turns: Iterable[Turn], threads: int) -> Iterator[TimedScan]:
+        """All turns in order, the same for any number of threads, each at one turn and MOST_AHEAD waiting.
+
+        A scan is classified by what those before it will have shown if nothing changes, and once more if that was not
+        so. Where what it shows cannot be foreseen, the next one waits for it.
+        """
+        if threads < 2:
+            yield from (self.classified(*turn) for turn in turns)
+            return
+        waiting = deque[_Ahead]()
+        pool = ThreadPoolExecutor(threads, "quadlog-scan")
+        try:
+            for turn in turns:
+                given = waiting[-1].foreseen if waiting else self._seen
+                while waiting and (given is None or len(waiting) >= threads + MOST_AHEAD):
+                    first = waiting.popleft()
+                    yield self._taken(first)
+                    given = given if self._seen == first.foreseen and waiting else None
+                given = self._seen if given is None else given
+                foreseen = self._foreseen(given, turn)
+                waiting.append(_Ahead(turn, given, foreseen, pool.submit(self._classified, turn, given)))
+            yield from map(self._taken, waiting)
+        finally:
+            pool.shutdown(cancel_futures=True)
 
     def classified(self, t_ns: int, sweeps: Sequence[Sweep]) -> TimedScan:
         """The next cloud, or the next ones of several scanners as one that was taken at t_ns."""
-        started = time.perf_counter()
-        each = [self._classified(*sweep) for sweep in sweeps]
+        scan, self._seen = self._classified((t_ns, sweeps), self._seen)
+        return scan
+
+    def _taken(self, ahead: _Ahead) -> TimedScan:
+        scan, seen = ahead.found.result()
+        if ahead.given != self._seen:
+            return self.classified(*ahead.turn)
+        self._seen = seen
+        return scan
+
+    def _foreseen(self, seen: Seens, turn: Turn) -> Seens | None:
+        """What is seen after a turn that contradicts nothing; None where that cannot be known."""
+        taken = {sweep.scanner for sweep in turn[1]}
+        after = [each.foreseen() if number in taken else each for number, each in enumerate(seen)]
+        return None if None in after else tuple(filter(None, after))
+
+    def _classified(self, turn: Turn, seen: Seens) -> tuple[TimedScan, Seens]:
+        """A turn by what each scanner has shown before it, and what they have shown with it; in any thread."""
+        (t_ns, sweeps), started, after = turn, time.perf_counter(), list(seen)
+        each = list[tuple[ClassifiedScan, Skewed | None, NotLevelled | None]]()
+        for scanner, own_ns, cloud in sweeps:
+            span_ns = sweep_span(cloud.times, len(cloud.xyz_m))
+            ends_ns = own_ns + np.array((0, 0) if isinstance(span_ns, Skewed) else span_ns, np.int64)
+            rotations, not_levelled = _upright(ends_ns, self._up)
+            transforms = np.empty((2, 4, 4))
+            transforms[:] = self._mounts[scanner]
+            transforms[:, :3] = rotations @ transforms[:, :3]
+            scan, after[scanner] = self._classifier.classify_after(after[scanner], cloud, transforms)
+            why_skewed = span_ns if isinstance(span_ns, Skewed) else Skewed.NO_TIMES
+            each.append((scan, why_skewed if len(scan.slot_ns) == 1 else None, not_levelled))
         found = merged([scan for scan, *_ in each], [own_ns - t_ns for _, own_ns, _ in sweeps])
         row = _row(t_ns, found) | {"ms": (time.perf_counter() - started) * 1e3}
         level = None if found.ground is None else found.ground.is_level
         skewed = next((why for _, why, _ in each if why is not None), None)
         not_levelled = next((why for *_, why in each if why is not None), None)
-        return TimedScan(t_ns, row, t_ns + found.slot_ns, level, skewed, not_levelled, found)
-
-    def _classified(
-        self, scanner: int, t_ns: int, cloud: PointCloud
-    ) -> tuple[ClassifiedScan, Skewed | None, NotLevelled | None]:
-        span_ns = sweep_span(cloud.times, len(cloud.xyz_m))
-        ends_ns = t_ns + np.array((0, 0) if isinstance(span_ns, Skewed) else span_ns, np.int64)
-        rotations, not_levelled = _upright(ends_ns, self._up)
-        transforms = np.tile(self._mounts[scanner], (2, 1, 1))
-        transforms[:, :3] = rotations @ transforms[:, :3]
-        found = self._classifiers[scanner].classify(cloud, transforms)
-        skewed = (span_ns if isinstance(span_ns, Skewed) else Skewed.NO_TIMES) if len(found.slot_ns) == 1 else None
-        return found, skewed, not_levelled
+        return TimedScan(t_ns, row, t_ns + found.slot_ns, level, skewed, not_levelled, found), tuple(after)
 
 
 def _upright(t_ns: Int, up: UpSeries | None) -> tuple[Float, NotLevelled | None]:

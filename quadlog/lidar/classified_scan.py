@@ -60,11 +60,16 @@ def level_plane(xyz_m: Float, floor_m: float) -> Float:
 
     A slight pull towards level at floor_m keeps it defined when there are few points or all in a line.
     """
-    sides, pull = xyz_m.copy(), np.array([1.0, 1.0, 1e-3])
+    sides = xyz_m.copy()
     sides[:, 2] = 1.0
-    height_m = sides.T @ xyz_m[:, 2] + pull * [0.0, 0.0, floor_m]
-    plane: Float = np.linalg.solve(sides.T @ sides + np.diag(pull), height_m)
+    normal, height_m = sides.T @ sides, sides.T @ xyz_m[:, 2]
+    normal.flat[::4] += _PULL
+    height_m[2] += _PULL[2] * floor_m
+    plane: Float = np.linalg.solve(normal, height_m)
     return plane
+
+
+_PULL = np.array([1.0, 1.0, 1e-3])
 
 
 class Returns(NamedTuple):

@@ -63,21 +63,20 @@ def sweep_slots(times: PointTimes | None, n_points: int) -> tuple[NDArray[np.uin
     return since.astype(np.uint8), middle_ns
 
 
-def slot_poses(t_ns: int, slot_ns: Int, pose_base_in_map: Float) -> tuple[Float, Skewed | None]:
-    """Poses (K, 3) of base in map at the scan's time slots, and why they are all that of the stamp, or None.
+def slot_poses(t_ns: Int, pose_base_in_map: Float) -> tuple[Float, list[Skewed | None]]:
+    """Poses (S, K, 3) of base in map at the time slots of scans, and why those of a scan are its stamp's, or None.
 
-    slot_ns: (K,) absolute; pose_base_in_map: (1 + K, 3) x, y, yaw at t_ns and at the slots, NaN where unknown.
+    t_ns: (S, 1 + K) each scan's stamp and slots; pose_base_in_map: (S, 1 + K, 3) x, y, yaw there, NaN where unknown.
     """
-    at_stamp = np.tile(pose_base_in_map[0], (len(slot_ns), 1))
-    if len(slot_ns) == 1:
-        return at_stamp, None
-    if not np.isfinite(pose_base_in_map).all():
-        return at_stamp, Skewed.NO_POSE
-    t_ns_all = np.array([t_ns, *slot_ns], dtype=np.int64)
-    in_order = np.argsort(t_ns_all, kind="stable")
-    step_s, step = np.diff(t_ns_all[in_order]) * 1e-9, np.diff(pose_base_in_map[in_order], axis=0)
-    turn_rad = np.abs((step[:, 2] + np.pi) % (2 * np.pi) - np.pi)
-    too_fast = np.hypot(step[:, 0], step[:, 1]) > MAX_SPEED_MPS * step_s
-    if (too_fast | (turn_rad > MAX_TURN_RADPS * step_s)).any():
-        return at_stamp, Skewed.JUMP
-    return pose_base_in_map[1:], None
+    in_order = np.argsort(t_ns, axis=1, kind="stable")
+    step_s = np.diff(np.take_along_axis(t_ns, in_order, 1)) * 1e-9
+    step = np.diff(np.take_along_axis(pose_base_in_map, in_order[..., None], 1), axis=1)
+    turn_rad = np.abs((step[..., 2] + np.pi) % (2 * np.pi) - np.pi)
+    too_fast = np.hypot(step[..., 0], step[..., 1]) > MAX_SPEED_MPS * step_s
+    jumps = (too_fast | (turn_rad > MAX_TURN_RADPS * step_s)).any(axis=1)
+    known = np.asarray(np.isfinite(pose_base_in_map).all(axis=(1, 2)))
+    has_slots = t_ns.shape[1] > 2
+    good = known & ~jumps & has_slots
+    bad = [Skewed.JUMP if each else Skewed.NO_POSE for each in known.tolist()]
+    why = [None if fits or not has_slots else each for fits, each in zip(good.tolist(), bad, strict=True)]
+    return np.where(good[:, None, None], pose_base_in_map[:, 1:], pose_base_in_map[:, :1]), why

@@ -7,6 +7,7 @@ tests.lab.labelled_scans, and are never reported on that seed.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from quadlog.messages import Float, Float32
 
 Marks = NDArray[np.int8]
 Bool = NDArray[np.bool_]
+Cells = NDArray[np.int32]
 
 STEEPEST = np.float32(0.47)
 """25 degrees: a ramp of 20 and what the gait tilts."""
@@ -37,7 +39,10 @@ _STEP_M, _SLOW_M = np.float32(0.05), np.float32(0.5)
 _JUMP_M, _JUMP_PER_M, _PIECE_GAP = np.float32(0.10), np.float32(0.03), 3
 _PIECE_WIDTH_M, _PIECE_RISE_M, _PIECE_RISE_PER_M = np.float32(2.5), np.float32(0.06), np.float32(0.02)
 _RAMP_SLOPE, _RAMP_AGREES, _RAMP_STEP_M = np.float32(0.12), np.float32(0.12), np.float32(0.3)
+# Every so many returns the plane is fitted to; odd, so that all beams of a sweep that is sent column by column count.
+_PLANE_POINTS = 15
 
+_INVALID, _, _, _GROUND, _RETURN = (np.uint8(each) for each in PointClass)
 _NOTHING, _OBSTACLE, _POSSIBLE = np.int8(0), np.int8(1), np.int8(2)
 _NONE, _TURN = np.float32(0), np.float32(2 * np.pi)
 
@@ -54,11 +59,14 @@ class _Beam(NamedTuple):
 
 
 @kernel
-def walk_columns(image: Image, good: Bool, descending: Bool, floor_m: float) -> tuple[Bool, Bool]:
+def walk_columns(
+    image: Image, returns: Returns, good: Bool, descending: Bool, floor_m: float, used: Cells
+) -> tuple[Bool, Bool, int]:
     """Which cells (rows, columns) are ground, and which near the ground have a wall right above them.
 
     good: (rows, columns) of supported cells. floor_m: the ground's height below the lidar, float32. descending: (rows,)
     whether the beam points below the lidar's own horizon: a column's first ground is seen by one that does, or not.
+    used: room for the numbers of the returns that the plane is fitted to; how many these are is the third result.
     """
     (rows, columns), one = good.shape, np.float32(1)
     ground, wall = np.zeros((rows, columns), np.bool_), np.empty((rows, columns), np.bool_)
@@ -100,7 +108,15 @@ def walk_columns(image: Image, good: Bool, descending: Bool, floor_m: float) -> 
             slope[c] += (steep - slope[c]) * min(gap / _SLOW_M, one) if here else _NONE
             last_m[c] = distance_m[c] if here else last_m[c]
             last_z_m[c] = z_m[c] if here else last_z_m[c]
-    return ground, wall
+    count, n_used, grounds = 0, 0, ground.reshape(-1)
+    for i in range(len(returns.label)):
+        if returns.label[i] == _RETURN:
+            cell = image.cell[i]
+            if count == 0 and cell >= 0 and grounds[cell]:
+                used[n_used] = i
+                n_used += 1
+            count = count + 1 if count + 1 < _PLANE_POINTS else 0
+    return ground, wall, n_used
 
 
 @inner
@@ -196,8 +212,6 @@ SECTOR_COLUMNS = 16
 STEP_M, REACH_M = 0.125, 32.0
 STEPS = int(REACH_M / STEP_M) + 1
 _SECTORS_BESIDE, _FEWEST = 3, 3
-# Every so many returns the plane is fitted to; odd, so that all beams of a sweep that is sent column by column count.
-_PLANE_POINTS = 15
 _STEP, _PER_STEP, _HALF = np.float32(STEP_M), np.float32(1 / STEP_M), np.float32(0.5)
 
 
@@ -209,18 +223,25 @@ def label_ground(
     Returns (3,) a, b, c of the plane z = a x + b y + c of the ground in base. good, descending, floor_m: as of
     `walk_columns`.
     """
-    ground, wall = walk_columns(image, good, descending, np.float32(floor_m))
-    used = np.flatnonzero(returns.label == int(PointClass.OBSTACLE))[::_PLANE_POINTS]
-    used = used[(image.cell[used] >= 0) & ground.ravel()[image.cell[used]]]
-    lidar_x, lidar_y = transform_lidar_to_level[:2, 3]
-    dx_m, dy_m, z_m = (each[used].astype(np.float64) for each in returns[:3])
-    plane = level_plane(np.column_stack([dx_m + lidar_x, dy_m + lidar_y, z_m]), 0.0)
-    sectors = -(-image.range_m.shape[1] // SECTOR_COLUMNS)
-    azimuth_rad = (np.arange(sectors) + 0.5) * (SECTOR_COLUMNS / image.range_m.shape[1] * 2 * np.pi)
-    outward = np.column_stack([np.cos(azimuth_rad), np.sin(azimuth_rad)]) @ transform_lidar_to_level[:2, :2].T
+    used = np.empty(len(returns.label) // _PLANE_POINTS + 1, np.int32)
+    ground, wall, n_used = walk_columns(image, returns, good, descending, np.float32(floor_m), used)
+    xyz_m = np.empty((n_used, 3))
+    for axis, along_m in enumerate(returns[:3]):
+        xyz_m[:, axis] = along_m[used[:n_used]]
+    xyz_m[:, :2] += transform_lidar_to_level[:2, 3]
+    plane = level_plane(xyz_m, 0.0)
+    outward = _directions(image.range_m.shape[1]) @ transform_lidar_to_level[:2, :2].T
     rise = (outward @ plane[:2] / np.linalg.norm(outward, axis=1)).astype(np.float32)
     _label(image, returns, ground, wall, _profile(image, ground, np.float32(floor_m), rise))
     return plane
+
+
+@lru_cache(maxsize=8)
+def _directions(columns: int) -> Float:
+    """(sectors, 2) x and y in the lidar's frame of the middles of sectors."""
+    sectors = -(-columns // SECTOR_COLUMNS)
+    azimuth_rad = (np.arange(sectors) + 0.5) * (SECTOR_COLUMNS / columns * 2 * np.pi)
+    return np.column_stack([np.cos(azimuth_rad), np.sin(azimuth_rad)])
 
 
 @kernel
@@ -266,7 +287,6 @@ def _draw_line(height_m: Float32, begin: int, end: int, rise: float, z_m: float,
 
 # Largest height of ground points: found by the column walk, not found by it, and at the foot of a wall.
 _WALKED_M, _LEVEL_M, _FOOT_M, _SUNKEN_M = np.float32(0.10), np.float32(0.04), np.float32(0.01), np.float32(-0.3)
-_INVALID, _, _, _GROUND, _RETURN = (np.uint8(each) for each in PointClass)
 
 
 @kernel

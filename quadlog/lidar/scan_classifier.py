@@ -74,21 +74,37 @@ class _Scan(NamedTuple):
     transforms: Float
 
 
-class _Known(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class _Known:
     """The sensor's beams, and what was seen in the scan in which they were found.
 
-    strange: share of its points off their beams or without a cell of their own. n_scan: number of the scan.
+    strange: share of its points off their beams or without a cell of their own.
     """
 
     beams: Beams
     route: Route
     n_points: int
     strange: float
-    n_scan: int
+
+
+class Seen(NamedTuple):
+    """What the scans before one have shown: the beams, None where none are known, and the scans since they were found.
+
+    It is equal to another one only if both have the beams from one and the same scan.
+    """
+
+    known: _Known | None = None
+    scans: int = 0
+
+    def foreseen(self) -> Seen | None:
+        """What it will be after one scan more that contradicts nothing; None where that one looks for beams again."""
+        if self.known is None:
+            return self
+        return self._replace(scans=self.scans + 1) if self.scans < SCANS_BETWEEN_LOOKS else None
 
 
 class ScanClassifier:
-    """Classifies the scans of one lidar, one after the other.
+    """Classifies the scans of one lidar, one after the other, or in any thread by what those before have shown.
 
     The beams are found in the first scan and looked for again when a scan contradicts them, and every
     SCANS_BETWEEN_LOOKS scans. uses_times: whether the points' own times count; without them all of a scan is in one
@@ -98,11 +114,17 @@ class ScanClassifier:
     def __init__(self, settings: RangeImageSettings | PaperSettings, seed: int = 0, *, uses_times: bool = True) -> None:
         self._settings, self._seed, self._uses_times = settings, seed, uses_times
         self._ranges_m = float(settings.min_range_m), float(settings.max_range_m)
-        self._known: _Known | None = None
-        self._n_scans = 0
+        self._seen = Seen()
 
     def classify(self, cloud: PointCloud, transform_lidar_to_level: Float) -> ClassifiedScan:
-        """The classified points of a cloud, any values accepted.
+        """The classified points of the next cloud, as `classify_after`."""
+        found, self._seen = self.classify_after(self._seen, cloud, transform_lidar_to_level)
+        return found
+
+    def classify_after(
+        self, seen: Seen, cloud: PointCloud, transform_lidar_to_level: Float
+    ) -> tuple[ClassifiedScan, Seen]:
+        """The classified points of a cloud, any values accepted, and what is seen with it; seen: in those before it.
 
         transform_lidar_to_level: (4, 4) to base made upright, or (2, 4, 4) at the first and the last point's time.
         Ring numbers that contradict the elevations are ignored. The whole scan is classified and then cropped to the
@@ -111,7 +133,8 @@ class ScanClassifier:
         transforms, settings, n = transform_lidar_to_level.reshape(-1, 4, 4), self._settings, len(cloud.xyz_m)
         slot, slot_ns = sweep_slots(cloud.times if self._uses_times else None, n)
         if isinstance(settings, PaperSettings):
-            return classify_as_paper(cloud.xyz_m, slot, slot_ns, transforms.mean(axis=0), settings, self._seed)
+            level = transforms.mean(axis=0)
+            return classify_as_paper(cloud.xyz_m, slot, slot_ns, level, settings, self._seed), seen
         moving = np.empty((2, 4, 4))
         moving[0], moving[1] = transforms[0], (transforms[-1] - transforms[0]) / max(len(slot_ns) - 1, 1)
         # Heights are measured, and the plane lies, about where the lidar is on average.
@@ -120,9 +143,11 @@ class ScanClassifier:
             xyz_m = np.array(cloud.xyz_m.T, np.float32, order="C")
         rings = cloud.ring is not None and len(cloud.ring) == n
         scan = _Scan(xyz_m, np.array(cloud.ring, np.uint16) if rings else None, slot, moving)
-        laid = self._lay_beams(scan) if abs(moving[0, 2, 2]) >= MOST_TILT_COSINE else None
-        if laid is not None:
-            image, returns, known = laid
+        laid = None
+        if abs(moving[0, 2, 2]) >= MOST_TILT_COSINE:
+            laid, seen = self._lay_beams(scan, seen)
+        if laid is not None and (known := seen.known) is not None:
+            image, returns = laid
             plane, route = _label_beams(image, returns, known.beams, moving[0]), known.route
         else:
             image, returns = self._lay_bins(scan)
@@ -134,27 +159,26 @@ class ScanClassifier:
             label[outside & (label != PointClass.INVALID)] = PointClass.CROPPED
         counts, columns = class_counts(label), image.range_m.shape[1]
         ground = _as_ground(plane) if counts[PointClass.GROUND] >= settings.ground_min_points else None
-        return ClassifiedScan(returns, counts, columns, ground, route, lidar_above(ground, moving[0]), slot_ns)
+        place_m = lidar_above(ground, moving[0])
+        return ClassifiedScan(returns, counts, columns, ground, route, place_m, slot_ns), seen
 
-    def _lay_beams(self, scan: _Scan) -> tuple[Image, Returns, _Known] | None:
-        """The scan in an image of its beams; None where it shows none."""
-        known, n, upright = self._known, len(scan.slot), bool(scan.transforms[0, 2, 2] > 0)
-        self._n_scans += 1
-        newer = known is not None and self._n_scans <= known.n_scan + SCANS_BETWEEN_LOOKS
-        if known is not None and newer and abs(n - known.n_points) <= known.n_points // 4:
+    def _lay_beams(self, scan: _Scan, seen: Seen) -> tuple[tuple[Image, Returns] | None, Seen]:
+        """The scan in an image of its beams, None where it shows none, and what is seen with it."""
+        known, n, upright = seen.known, len(scan.slot), bool(scan.transforms[0, 2, 2] > 0)
+        after = seen.foreseen()
+        if known is not None and after is not None and abs(n - known.n_points) <= known.n_points // 4:
             image, returns, strange = self._lay_on(known.beams, known.route, scan)
             if strange <= known.strange + _CHANGED_SHARE:
-                return image, returns, known
-        self._known, polar = None, to_polar(scan.xyz_m, self._ranges_m)
+                return (image, returns), after
+        polar = to_polar(scan.xyz_m, self._ranges_m)
         route: Route = "rings"
         beams = None if scan.ring is None else beams_by_number(polar, scan.ring, upright)
         if beams is None:
             route, beams = "elevations", beams_by_elevation(polar, upright)
         if beams is None:
-            return None
+            return None, Seen()
         image, returns, strange = self._lay_on(beams, route, scan)
-        self._known = _Known(beams, route, n, strange, self._n_scans)
-        return image, returns, self._known
+        return (image, returns), Seen(_Known(beams, route, n, strange))
 
     def _lay_on(self, beams: Beams, route: Route, scan: _Scan) -> tuple[Image, Returns, float]:
         """The scan in an image of these beams, and the share of points off them or without a cell of their own."""

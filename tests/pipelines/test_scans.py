@@ -11,12 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from quadlog.config.file import load_config
 from quadlog.geometry import transform_from_rpy
+from quadlog.lidar import scan_classifier
 from quadlog.lidar.levelling import NotLevelled
 from quadlog.lidar.point_times import AS_THEY_COME
 from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries, Timed
 from quadlog.pipelines.stages.mount import LidarMount, up_of_base
 from quadlog.pipelines.stages.scanners import PlacedScanner, Scanners, Sweep, turns_of
-from quadlog.pipelines.stages.scans import Scanner
+from quadlog.pipelines.stages.scans import Scanner, TimedScan
 from quadlog.recordings.tf_tree import TransformTree
 
 T_NS = 1_700_000_000_000_000_000
@@ -105,6 +106,38 @@ def test_each_of_several_scanners_is_classified_by_itself_and_lies_where_it_is()
     assert (one.row["ground_found"], more) == (True, dict.fromkeys(("n_raw", "n_valid", "n_obstacle"), 360))
     np.testing.assert_allclose(two.found.xyz_base_m[-360:], [-0.5, 0.1, 0.2] + planar * [-1, -1, 1], atol=1e-5)
     assert two.slot_ns[two.found.returns.slot[[0, -1]]].tolist() == [T_NS, T_NS + 40_000_000]
+
+
+def logged(*, behind: bool = False) -> list[tuple[int, list[Sweep]]]:
+    """Turns of a sensor that sends rings from the second scan on, and fewer points in the eighth; then without beams.
+
+    behind: a second scanner, in every second turn.
+    """
+    whole, scattered = cloud(), np.random.default_rng(0).normal(size=(2000, 3)).astype(np.float32)
+    half, unnumbered = PointCloud(T_NS, "", whole.xyz_m[::2], whole.ring[::2]), PointCloud(T_NS, "", whole.xyz_m)
+    clouds = [unnumbered, *[whole] * 6, half, *[whole] * 10, *[PointCloud(T_NS, "", scattered)] * 8, *[whole] * 3]
+    second = [Sweep(1, T_NS, unnumbered)] if behind else []
+    return [(T_NS, [Sweep(0, T_NS, each), *second[: number % 2]]) for number, each in enumerate(clouds)]
+
+
+def known_values(scan: TimedScan) -> list[bytes]:
+    return [each[scan.found.returns.label > 0].tobytes() for each in scan.found.returns]
+
+
+@pytest.mark.parametrize(
+    ("settings", "behind"),
+    [([], False), (["lidar.method=paper"], False), ([], True)],
+    ids=["beams", "paper", "two scanners"],
+)
+def test_any_number_of_threads_classifies_alike(monkeypatch, settings, behind):
+    monkeypatch.setattr(scan_classifier, "SCANS_BETWEEN_LOOKS", 4)
+    turns, found = logged(behind=behind)[: 12 if settings else None], []
+    for threads in (1, 2, 3):
+        scans = scanner(*settings, imu=None, behind=np.eye(4) if behind else None).all(turns, threads)
+        found.append([(scan.found.route, *known_values(scan)) for scan in scans])
+    assert found[1:] == found[:1] * 2
+    assert len(found[0]) == len(turns)
+    assert settings or len({route for route, *_ in found[0]}) >= 3
 
 
 @pytest.mark.parametrize(

@@ -54,9 +54,10 @@ def test_unusable_times_are_refused(offset_ns, why):
 def test_unknown_or_jumping_poses_disable_deskewing(row, column, change, why):
     """Of a robot at 0.5 m/s that turns at 0.5 rad/s, past half a turn, where the yaw wraps, which is no jump."""
     slot_ns = T_NS + np.arange(MOST_TIME_SLOTS) * 3_000_000
-    t_s = (np.array([T_NS, *slot_ns]) - T_NS) * 1e-9
+    t_ns = np.array([T_NS, *slot_ns])
+    t_s = (t_ns - T_NS) * 1e-9
     poses = np.column_stack([0.5 * t_s, np.zeros(len(t_s)), (0.5 * t_s - 0.02) % (2 * np.pi) - np.pi])
     poses[row:, column] += change
-    found, skewed = slot_poses(T_NS, slot_ns, poses)
-    assert skewed is why
-    np.testing.assert_array_equal(found, poses[1:] if why is None else np.tile(poses[0], (len(slot_ns), 1)))
+    found, skewed = slot_poses(t_ns[None], poses[None])
+    assert skewed == [why]
+    np.testing.assert_array_equal(found[0], poses[1:] if why is None else np.tile(poses[0], (len(slot_ns), 1)))
