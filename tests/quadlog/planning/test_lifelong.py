@@ -81,7 +81,7 @@ def test_fresh_search_when_the_root_moves_and_after_a_reset(make, start, goal, f
 
 @pytest.mark.parametrize(("make", "share"), [(DStarLite, 0.0), (MTDStarLite, 0.5)])
 def test_walk_along_the_path_expands_a_fraction_of_what_astar_does(make, share, forest):
-    """With D* Lite nothing; with its moving root not: beside the path are cells that come cheaper by f from the new start than they did from the old."""
+    """With D* Lite none. With a moving root some: cells beside the path come cheaper by f from the new start."""
     blocked, planner, expanded, afresh = forest(), make(), 0, 0
     path = [(int(col), int(row)) for col, row in planner.plan(blocked, START, GOAL).cells]
     for start in path[1:]:

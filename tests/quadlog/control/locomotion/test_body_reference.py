@@ -30,38 +30,6 @@ def followed(reference, seconds, dt_s, wanted, plane=LEVEL):
         step(reference, dt_s, wanted, reference.position_m.copy(), float(reference.rpy[2]), plane)
 
 
-def arc(t_s, yaw_rad, speed_mps, yaw_rate_radps):
-    """Where a circle from START_M on is at t_s."""
-    turned = yaw_rad + yaw_rate_radps * t_s
-    radius_m = speed_mps / yaw_rate_radps
-    aside = np.array([math.sin(turned) - math.sin(yaw_rad), math.cos(yaw_rad) - math.cos(turned), 0.0])
-    return START_M + radius_m * aside, turned
-
-
-@given(angle, st.floats(-1, 1), st.sampled_from([-0.8, -0.1, 0.3, 1.0]))
-def test_a_circle_is_its_closed_form(yaw_rad, speed_mps, yaw_rate_radps):
-    dt_s = 0.002
-    reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
-    followed(reference, 3.0, dt_s, (speed_mps, yaw_rate_radps))
-    position_m, turned_rad = arc(3.0, yaw_rad, speed_mps, yaw_rate_radps)
-    np.testing.assert_allclose(reference.position_m, position_m, atol=abs(speed_mps) * dt_s + 1e-9)
-    np.testing.assert_allclose(reference.rpy, [0, 0, turned_rad], atol=1e-9)
-    velocity_mps = speed_mps * np.array([math.cos(turned_rad), math.sin(turned_rad), 0])
-    np.testing.assert_allclose(reference.velocity_mps, velocity_mps, atol=1e-9)
-
-
-@pytest.mark.parametrize("yaw_rad", [0.0, 0.7, math.pi / 2, math.pi, -2.4])
-def test_it_waits_for_a_robot_that_stands_still(yaw_rad):
-    reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
-    for _ in range(500):
-        step(reference, 0.002, (0.5, 0.0), START_M, yaw_rad, LEVEL)
-    heading = np.array([math.cos(yaw_rad), math.sin(yaw_rad), 0])
-    np.testing.assert_allclose(reference.position_m, START_M + LEASH_M * heading, atol=1e-12)
-    for _ in range(500):
-        step(reference, 0.002, (0.0, -0.5), START_M, yaw_rad, LEVEL)
-    assert (reference.rpy[2] - yaw_rad + math.pi) % (2 * math.pi) - math.pi == pytest.approx(-LEASH_RAD)
-
-
 @given(angle, angle, st.floats(-1, 1), st.floats(-2, 2), st.tuples(st.floats(-3, 3), st.floats(-3, 3)))
 def test_wherever_the_robot_is_it_is_on_the_leash(yaw_rad, measured_rad, speed_mps, yaw_rate_radps, away_m):
     reference = BodyReference(START_M, yaw_rad, HEIGHT_M)

@@ -13,7 +13,6 @@ from quadlog.control.settings import MpcSettings
 MASS_KG = 12.786
 INERTIA = np.array([[0.07, 0.005, -0.01], [0.005, 0.25, 0.0], [-0.01, 0.0, 0.28]])
 GRAVITY = -9.81 * np.eye(12)[11]
-FEET_M = np.array([[0.2, 0.12, -0.29], [0.17, -0.13, -0.3], [-0.16, 0.12, -0.28], [-0.2, -0.1, -0.29]])
 
 
 def linear_model(yaw_rad, arms_m):
@@ -26,31 +25,6 @@ def linear_model(yaw_rad, arms_m):
         B[6:9, 3 * leg : 3 * leg + 3] = inverse_in_map @ np.cross(arm_m, np.eye(3)).T
         B[9:, 3 * leg : 3 * leg + 3] = np.eye(3) / MASS_KG
     return A, B
-
-
-def derivative(state, forces_n):
-    """Nonlinear motion; Theta' from turning the attitude a little by omega, in map."""
-    attitude, dt = Rotation.from_euler("ZYX", state[[2, 1, 0]]), 1e-6
-    ahead, behind = (
-        (Rotation.from_rotvec(sign * dt * state[6:9]) * attitude).as_euler("ZYX")[::-1] for sign in (1, -1)
-    )
-    inertia = attitude.as_matrix() @ INERTIA @ attitude.as_matrix().T
-    torque = np.cross(FEET_M, forces_n).sum(axis=0) - np.cross(state[6:9], inertia @ state[6:9])
-    acceleration = forces_n.sum(axis=0) / MASS_KG + [0, 0, -9.81]
-    turn = (ahead - behind + np.pi) % (2 * np.pi) - np.pi
-    return np.concatenate([turn / (2 * dt), state[9:], np.linalg.solve(inertia, torque), acceleration])
-
-
-@pytest.mark.parametrize("yaw_rad", [0.0, 0.7, np.pi / 2, -2.5, np.pi])
-def test_the_linear_model_is_the_motions_derivative_at_rest(yaw_rad):
-    A, B = linear_model(yaw_rad, FEET_M)
-    rest, step, no_force = yaw_rad * np.eye(12)[2], 1e-3, np.zeros((4, 3))
-    np.testing.assert_allclose(derivative(rest, no_force), GRAVITY, atol=1e-9)
-    for column, unit in enumerate(np.eye(12)):
-        change = (derivative(rest + step * unit, no_force) - derivative(rest - step * unit, no_force)) / (2 * step)
-        np.testing.assert_allclose(change, A[:, column], atol=1e-6)
-        forced = derivative(rest, unit.reshape(4, 3)) - derivative(rest, no_force)
-        np.testing.assert_allclose(forced, B[:, column], atol=1e-9)
 
 
 def stacked(state, reference, arms_m, contacts, yaw_rad):
