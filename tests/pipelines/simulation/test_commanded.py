@@ -11,25 +11,19 @@ import quadlog
 from quadlog.cli.main import run as run_cli
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
-from quadlog.simulation.commanded import held
 from quadlog.simulation.robot.height_field import flat
 from quadlog.simulation.robot.model import quadruped_model
 from quadlog.simulation.robot.walking_robot import WalkingRobot
-from tests.lab.strangers import Log, header, instants_s, message, ns, vector, zeros
+from tests.lab.strangers import LEGS, ROS, Log, instants_s, ns
 
 TWIST = (0.4, 0.3, -0.1)
 """Ahead, yaw rate, to the left; from a second on until the fifth."""
-NAMES = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
 FEET = [f"{leg}_foot" for leg in ("FL", "FR", "RL", "RR")]
-ROBOT = ("--set", "robot.model=tracking")
+ROBOT = ("--set", "robot.model=tracking", "--set", "simulation.tick_s=0.002")
 
 
 def command(ahead: float, rate: float, left: float):
-    return message("geometry_msgs/msg/Twist", vector(ahead, left, 0), vector(0, 0, rate))
-
-
-def stamped(t_ns: int, twist):
-    return message("geometry_msgs/msg/TwistStamped", header(t_ns, "base"), twist)
+    return ROS.make("geometry_msgs/msg/Twist", linear__x=ahead, linear__y=left, angular__z=rate)
 
 
 @pytest.fixture(scope="module")
@@ -41,11 +35,10 @@ def walked() -> Log:
         t_ns = ns(tick * 0.01)
         if tick % 2 == 0:
             log.odometry(t_ns, robot.pose.tolist())
-        rates = robot.state.qvel[6:]
-        values = [[*robot.joints[model.joint_qpos], *[0.0] * 4], [*rates, *[0.0] * 4]]
-        efforts = [*robot.torques_nm, *robot.foot_loads_n]
-        log.add("/joint_states", t_ns, message("sensor_msgs/msg/JointState", header(t_ns, ""), NAMES + FEET,
-                *map(np.array, (*values, efforts))))  # fmt: skip
+        moving = {"position": robot.joints[model.joint_qpos], "velocity": robot.state.qvel[6:]}
+        values = {name: [*each, *[0.0] * 4] for name, each in moving.items()}
+        values |= {"name": LEGS + FEET, "effort": [*robot.torques_nm, *robot.foot_loads_n]}
+        log.put("/joint_states", t_ns, "sensor_msgs/msg/JointState", "", **values)
         robot.walk(5, *(TWIST if 100 <= tick < 500 else (0.0, 0.0, 0.0)))
     return log
 
@@ -55,12 +48,13 @@ def recorded(walked: Log, folder: Path, *topics: str, hz: float = 10.0, until_s:
     log = Log()
     log.messages = [*walked.messages]
     for topic in topics:
-        for t_s in instants_s(until_s, hz)[round(hz) :]:
-            twist = command(*TWIST)
-            log.add(topic, ns(t_s), stamped(ns(t_s), twist) if topic.endswith("_stamped") else twist)
-        log.add(topic, ns(5.0), stamped(ns(5.0), command(0, 0, 0)) if topic.endswith("_stamped") else command(0, 0, 0))
-    log.write(folder / "log")
-    return folder / "log"
+        for t_s in [*instants_s(until_s, hz)[round(hz) :], 5.0]:
+            twist = command(*(TWIST if t_s < 5 else (0, 0, 0)))
+            if topic.endswith("_stamped"):
+                log.put(topic, ns(t_s), "geometry_msgs/msg/TwistStamped", "base", twist=twist)
+            else:
+                log.add(topic, ns(t_s), twist)
+    return log.write(folder / "log")
 
 
 def commanded(path: Path, output: Path, *words: str) -> quadlog.Run:
@@ -89,11 +83,13 @@ def test_the_same_body_by_the_same_commands_is_where_it_was(walked, tmp_path, ca
 
 def test_what_differs_between_simulation_and_log_is_measured(walked, tmp_path):
     """A log whose robot goes a quarter faster and turns half as fast again as it is told, with the walker's ramps."""
-    log, path = Log(), tmp_path / "log"
+    log = Log()
     log.messages = [each for each in walked.messages if each[1] != "/odom"]
     t_s = np.arange(0.0, 6.0, 0.001)
-    speed_mps, rate_radps = (np.interp(t_s, [1, 1 + most / ramp, 5, 5 + most / ramp], [0, most, most, 0])
-                             for most, ramp in ((0.4, 1.0), (0.3, 4.0)))  # fmt: skip
+    speed_mps, rate_radps = (
+        np.interp(t_s, [1, 1 + most / ramp, 5, 5 + most / ramp], [0, most, most, 0])
+        for most, ramp in ((0.4, 1.0), (0.3, 4.0))
+    )
     ways = []
     for faster, turns_faster in ((1.0, 1.0), (1.25, 1.5)):
         yaw_rad = np.cumsum(turns_faster * rate_radps) * 1e-3
@@ -103,8 +99,7 @@ def test_what_differs_between_simulation_and_log_is_measured(walked, tmp_path):
         log.odometry(ns(t_s[row]), tuple(ways[1][row].tolist()))
     for row in range(1000, 5001, 100):
         log.add("/cmd_vel", ns(t_s[row]), command(0.4, 0.3, 0.0) if row < 5000 else command(0, 0, 0))
-    log.write(path)
-    run = commanded(path, tmp_path / "runs")
+    run = commanded(log.write(tmp_path / "log"), tmp_path / "runs")
     assert run.metric("speed_difference_rms_mps") == pytest.approx(0.25 * np.sqrt(np.mean(speed_mps**2)), abs=0.02)
     last = run.table("control").iloc[-1]
     assert last["heading_error_rad"] == pytest.approx(ways[0][-1, 2] - ways[1][-1, 2], abs=0.03)
@@ -141,16 +136,9 @@ def test_a_command_that_is_late_counts_as_none(walked, tmp_path, capsys):
     assert "the last command is older than 0.5 s and counts as 0" in printed
     again = commanded(path, tmp_path / "held", "--set", "simulation.command_hold_s=10")
     assert "counts as 0" not in "".join(capsys.readouterr())
-    walks_m = [float(np.hypot(each["x_m"].diff(), each["y_m"].diff()).sum()) for each in
-               (run.table("control"), again.table("control"))]  # fmt: skip
+    tables = [each.table("control") for each in (run, again)]
+    walks_m = [float(np.hypot(each["x_m"].diff(), each["y_m"].diff()).sum()) for each in tables]
     assert walks_m[0] < 0.8 < 1.4 < walks_m[1]
-
-
-def test_held_commands_are_those_before_an_instant_and_none_for_ever():
-    t_ns, twist = np.array([0, 10, 11, 15, 16, 30]) * 10**8, np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
-    found, stale = held(t_ns, np.array([10, 11]) * 10**8, twist, 0.5)
-    np.testing.assert_array_equal(found[:, 0], [0, 1, 4, 4, 4, 0])
-    np.testing.assert_array_equal(stale, [False] * 5 + [True])
 
 
 def test_what_a_robot_did_by_its_sportmodestate_is_a_command(walked, tmp_path):
@@ -159,13 +147,10 @@ def test_what_a_robot_did_by_its_sportmodestate_is_a_command(walked, tmp_path):
     log.messages = [*walked.messages]
     poses = [(t_ns, each.pose.pose) for t_ns, topic, each in walked.messages if topic == "/odom"]
     for t_ns, at in poses:
-        state = zeros("unitree_go/msg/SportModeState")
-        state.imu_state.quaternion[:] = at.orientation.w, 0, 0, at.orientation.z
-        state.position[:] = at.position.x, at.position.y, 0.3
-        log.add("/sportmodestate", t_ns, state)
-    path = tmp_path / "log"
-    log.write(path)
-    run = commanded(path, tmp_path / "runs", "--set", "topics.command=/sportmodestate")
+        moved = {"position": [at.position.x, at.position.y, 0.3]}
+        moved |= {"imu_state__quaternion": [at.orientation.w, 0, 0, at.orientation.z]}
+        log.put("/sportmodestate", t_ns, "unitree_go/msg/SportModeState", **moved)
+    run = commanded(log.write(tmp_path / "log"), tmp_path / "runs", "--set", "topics.command=/sportmodestate")
     control = run.table("control")
     steady = control.iloc[120:240]
     np.testing.assert_allclose(steady[["cmd_v_mps", "cmd_vy_mps"]].mean(), [TWIST[0], TWIST[2]], atol=0.03)
