@@ -11,6 +11,7 @@ import quadlog
 from quadlog.cli.main import run as run_cli
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
+from quadlog.simulation.commanded import held
 from quadlog.simulation.robot.height_field import flat
 from quadlog.simulation.robot.model import quadruped_model
 from quadlog.simulation.robot.walking_robot import WalkingRobot
@@ -139,6 +140,13 @@ def test_a_command_that_is_late_counts_as_none(walked, tmp_path, capsys):
     tables = [each.table("control") for each in (run, again)]
     walks_m = [float(np.hypot(each["x_m"].diff(), each["y_m"].diff()).sum()) for each in tables]
     assert walks_m[0] < 0.8 < 1.4 < walks_m[1]
+
+
+def test_held_commands_are_those_before_an_instant_and_none_for_ever():
+    t_ns, twist = np.array([0, 10, 11, 15, 16, 30]) * 10**8, np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    found, stale = held(t_ns, np.array([10, 11]) * 10**8, twist, 0.5)
+    np.testing.assert_array_equal(found[:, 0], [0, 1, 4, 4, 4, 0])
+    np.testing.assert_array_equal(stale, [False] * 5 + [True])
 
 
 def test_what_a_robot_did_by_its_sportmodestate_is_a_command(walked, tmp_path):
