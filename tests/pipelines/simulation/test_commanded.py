@@ -53,12 +53,13 @@ def recorded(walked: Log, folder: Path, *topics: str, hz: float = 10.0, until_s:
     log = Log()
     log.messages = [*walked.messages]
     for topic in topics:
-        for t_s in instants_s(until_s, hz)[round(hz) :]:
-            twist = command(*TWIST)
-            log.add(topic, ns(t_s), stamped(ns(t_s), twist) if topic.endswith("_stamped") else twist)
-        log.add(topic, ns(5.0), stamped(ns(5.0), command(0, 0, 0)) if topic.endswith("_stamped") else command(0, 0, 0))
-    log.write(folder / "log")
-    return folder / "log"
+        for t_s in [*instants_s(until_s, hz)[round(hz) :], 5.0]:
+            twist = command(*(TWIST if t_s < 5 else (0, 0, 0)))
+            if topic.endswith("_stamped"):
+                log.put(topic, ns(t_s), "geometry_msgs/msg/TwistStamped", "base", twist=twist)
+            else:
+                log.add(topic, ns(t_s), twist)
+    return log.write(folder / "log")
 
 
 def commanded(path: Path, output: Path, *words: str) -> quadlog.Run:
@@ -94,11 +95,13 @@ def test_a_log_of_commands_alone_is_walked_as_long_as_it_has_commands(tmp_path):
 
 def test_what_differs_between_simulation_and_log_is_measured(walked, tmp_path):
     """A log whose robot goes a quarter faster and turns half as fast again as it is told, with the walker's ramps."""
-    log, path = Log(), tmp_path / "log"
+    log = Log()
     log.messages = [each for each in walked.messages if each[1] != "/odom"]
     t_s = np.arange(0.0, 6.0, 0.001)
-    speed_mps, rate_radps = (np.interp(t_s, [1, 1 + most / ramp, 5, 5 + most / ramp], [0, most, most, 0])
-                             for most, ramp in ((0.4, 1.0), (0.3, 4.0)))  # fmt: skip
+    speed_mps, rate_radps = (
+        np.interp(t_s, [1, 1 + most / ramp, 5, 5 + most / ramp], [0, most, most, 0])
+        for most, ramp in ((0.4, 1.0), (0.3, 4.0))
+    )
     ways = []
     for faster, turns_faster in ((1.0, 1.0), (1.25, 1.5)):
         yaw_rad = np.cumsum(turns_faster * rate_radps) * 1e-3
@@ -108,8 +111,7 @@ def test_what_differs_between_simulation_and_log_is_measured(walked, tmp_path):
         log.odometry(ns(t_s[row]), tuple(ways[1][row].tolist()))
     for row in range(1000, 5001, 100):
         log.add("/cmd_vel", ns(t_s[row]), command(0.4, 0.3, 0.0) if row < 5000 else command(0, 0, 0))
-    log.write(path)
-    run = commanded(path, tmp_path / "runs")
+    run = commanded(log.write(tmp_path / "log"), tmp_path / "runs")
     assert run.metric("speed_difference_rms_mps") == pytest.approx(0.25 * np.sqrt(np.mean(speed_mps**2)), abs=0.02)
     last = run.table("control").iloc[-1]
     assert last["heading_error_rad"] == pytest.approx(ways[0][-1, 2] - ways[1][-1, 2], abs=0.03)
@@ -146,8 +148,8 @@ def test_a_command_that_is_late_counts_as_none(walked, tmp_path, capsys):
     assert "the last command is older than 0.5 s and counts as 0" in printed
     again = commanded(path, tmp_path / "held", "--set", "simulation.command_hold_s=10")
     assert "counts as 0" not in "".join(capsys.readouterr())
-    walks_m = [float(np.hypot(each["x_m"].diff(), each["y_m"].diff()).sum()) for each in
-               (run.table("control"), again.table("control"))]  # fmt: skip
+    tables = [each.table("control") for each in (run, again)]
+    walks_m = [float(np.hypot(each["x_m"].diff(), each["y_m"].diff()).sum()) for each in tables]
     assert walks_m[0] < 0.8 < 1.4 < walks_m[1]
 
 

@@ -88,11 +88,11 @@ def test_after_a_reset_it_plans_as_a_fresh_one_on_maps_of_any_size(grids, cells_
 
 
 @pytest.mark.parametrize("name", [name for name in OPTIMAL if name != "dijkstra"])
-def test_a_map_of_nine_million_cells(name):
+def test_a_map_of_a_million_cells(name):
     """The heuristic leads straight to the goal. Without one, all of them would be expanded."""
-    plan = make_planner(name).plan(np.zeros((3000, 3000), dtype=bool), (5, 5), (2994, 2700))
-    assert plan.cost == 14 * 2695 + 10 * 294
-    assert plan.expanded <= len(plan.cells) == 2990
+    plan = make_planner(name).plan(np.zeros((1000, 1000), dtype=bool), (5, 5), (994, 700))
+    assert plan.cost == 14 * 695 + 10 * 294
+    assert plan.expanded <= len(plan.cells) == 990
 
 
 def test_ties_decide_what_open_ground_costs():

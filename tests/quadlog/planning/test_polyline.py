@@ -54,18 +54,3 @@ def test_turning_of_a_staircase():
     assert turning(points) == (5.0, pytest.approx(3 * math.pi / 2))
     assert turning(points * 0.1) == (pytest.approx(0.5), pytest.approx(3 * math.pi / 2))
     assert turning(np.array([[0, 0], [1, 0], [0, 0]])) == (2.0, pytest.approx(math.pi))
-
-
-@given(
-    radius_m=st.floats(0.1, 50),
-    steps=st.integers(16, 300),
-    sweep_rad=st.floats(0.5, 6),
-    side=st.sampled_from([-1, 1]),
-)
-def test_an_arc_turns_by_its_angle(radius_m, steps, sweep_rad, side):
-    angle = side * np.linspace(0, sweep_rad, steps)
-    points = radius_m * np.column_stack([np.cos(angle), np.sin(angle)]) + [3, -7]
-    half = sweep_rad / (steps - 1) / 2  # of the angle that a chord spans
-    length, turned = turning(points)
-    assert length == pytest.approx(2 * (steps - 1) * radius_m * math.sin(half))
-    assert turned == pytest.approx(sweep_rad * (steps - 2) / (steps - 1))

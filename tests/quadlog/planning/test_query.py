@@ -26,27 +26,6 @@ def test_obstacles_grow_by_whole_cells(dilation, dilation_m, cells):
     assert not occupied[5, 31]
 
 
-def test_robot_inside_the_growth_is_led_out_of_it():
-    """way_out is from the robot's own cell to the one before start, all of it in the growth and none occupied."""
-    occupied = np.zeros(WINDOW.shape, dtype=bool)
-    occupied[20, 22] = True
-    query = ask(occupied)
-    assert tuple(query.way_out[0]) == (20, 20)
-    assert query.blocked[query.way_out[:, 1], query.way_out[:, 0]].all()
-    assert not query.blocked[query.start[1], query.start[0]]
-    assert np.abs(query.way_out[-1] - query.start).max() == 1
-
-
-def test_goal_that_cannot_be_reached_is_stood_for():
-    occupied = np.zeros(WINDOW.shape, dtype=bool)
-    occupied[12, 35] = True
-    beside, beyond = ask(occupied), ask(goal=(50.0, 0.05))
-    assert beside.goal_projected
-    assert not beside.blocked[beside.goal[1], beside.goal[0]]
-    assert beyond.goal_projected
-    assert beyond.goal == (39, 20)
-
-
 def test_why_there_is_nothing_to_plan():
     walls = np.ones(WINDOW.shape, dtype=bool)
     for start in ((2.05, 0.0), (0.0, -2.05), (1e9, 0.0)):

@@ -11,43 +11,6 @@ from quadlog.simulation.contacts import Footprint, PlanInUse, TouchableCells, ca
 from quadlog.simulation.worlds.world import body_clearance
 
 BODY = Footprint(0.6, 0.3)
-WINDOW = window_around(np.zeros(2), 0.1, 40)
-
-
-def grid(*places_m, window=WINDOW):
-    occupied = np.zeros(window.shape, dtype=bool)
-    for place_m in places_m:
-        col, row = window.cell_of(np.array(place_m, dtype=float))
-        occupied[row, col] = True
-    return occupied
-
-
-def at(x_m, y_m=0.0, yaw_rad=0.0):
-    return np.array([x_m, y_m, yaw_rad])
-
-
-def renewed(cells, solid, pose, window=WINDOW):
-    touchable_m, appeared_m = cells.renew(window, solid, pose)
-    return len(touchable_m), len(appeared_m)
-
-
-def test_a_cell_that_appears_inside_the_body_is_none_to_touch_until_the_body_has_left_it():
-    cells, point = TouchableCells(BODY), grid((0.05, 0.05))
-    assert renewed(cells, grid(), at(0.0)) == (0, 0)
-    assert renewed(cells, point, at(0.0)) == (0, 1)
-    # It stays one, and is not new, as long as the body is over it.
-    assert renewed(cells, point, at(0.2)) == (0, 0)
-    assert renewed(cells, point, at(1.0)) == (1, 0)
-    assert renewed(cells, point, at(0.0)) == (1, 0)
-
-
-def test_a_cell_that_was_there_before_the_body_came_is_touched():
-    cells, wall = TouchableCells(BODY), grid((0.55, 0.05))
-    assert renewed(cells, wall, at(0.0)) == (1, 0)
-    assert renewed(cells, wall, at(0.5)) == (1, 0)
-    # Also where the window has moved on between the maps.
-    moved = window_around(np.array([0.7, 0.3]), 0.1, 40)
-    assert renewed(cells, grid((0.55, 0.05), window=moved), at(0.5), moved) == (1, 0)
 
 
 @given(seed=st.integers(0, 2**32 - 1))

@@ -13,7 +13,6 @@ from quadlog.control.following.path import (
     lookahead,
     nearest_on_path,
 )
-from quadlog.control.following.pure_pursuit import PathFollower
 
 CORNER = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]])
 ORIGIN_M, CELL_M = (-1.0, -1.0), 0.1
@@ -62,20 +61,3 @@ def test_the_chord_is_free_and_no_longer_than_asked(seed):
     cells = np.floor((chord_m - ORIGIN_M) / CELL_M).astype(int)
     if found[2] > 1e-9 and math.dist(found[:2], (x_m, y_m)) > LEAST_CHORD_M:
         assert not blocked[cells[:, 1], cells[:, 0]].any()
-
-
-def test_pursuit_round_a_walls_end_keeps_to_free_space():
-    """With a look-ahead of 2 m it cuts through the wall, but for the wall's growth of 0.2 m that it is told of."""
-    wall, grown = block(2.0, 0.5, 3.7, 5.0), block(1.8, 0.3, 3.9, 5.0)
-    for space, is_free in ((None, False), (grown, True)):
-        follower, x_m, y_m, yaw_rad, touched = PathFollower(CORNER, space=space), 0.0, 0.0, 0.0, False
-        for _ in range(800):
-            state = follower.step(x_m, y_m, yaw_rad)
-            command = follower.pursue(x_m, y_m, yaw_rad, state, 2.0, 0.5, 1.5)
-            yaw_rad += 0.02 * command.yaw_rate_radps
-            x_m += 0.02 * command.v_mps * math.cos(yaw_rad)
-            y_m += 0.02 * command.v_mps * math.sin(yaw_rad)
-            col, row = (math.floor((at - low) / CELL_M) for at, low in zip((x_m, y_m), ORIGIN_M, strict=True))
-            touched |= bool(wall.blocked[row, col])
-        assert state.finished
-        assert touched is not is_free

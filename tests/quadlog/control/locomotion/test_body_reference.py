@@ -10,7 +10,9 @@ from quadlog.control.locomotion.body_reference import (
     LEASH_M,
     LEASH_RAD,
     BodyReference,
+    fit_plane,
     follow,
+    foothold,
     states_ahead,
 )
 
@@ -28,38 +30,6 @@ def followed(reference, seconds, dt_s, wanted, plane=LEVEL):
     """A robot that is always where it should be."""
     for _ in range(round(seconds / dt_s)):
         step(reference, dt_s, wanted, reference.position_m.copy(), float(reference.rpy[2]), plane)
-
-
-def arc(t_s, yaw_rad, speed_mps, yaw_rate_radps):
-    """Where a circle from START_M on is at t_s."""
-    turned = yaw_rad + yaw_rate_radps * t_s
-    radius_m = speed_mps / yaw_rate_radps
-    aside = np.array([math.sin(turned) - math.sin(yaw_rad), math.cos(yaw_rad) - math.cos(turned), 0.0])
-    return START_M + radius_m * aside, turned
-
-
-@given(angle, st.floats(-1, 1), st.sampled_from([-0.8, -0.1, 0.3, 1.0]))
-def test_a_circle_is_its_closed_form(yaw_rad, speed_mps, yaw_rate_radps):
-    dt_s = 0.002
-    reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
-    followed(reference, 3.0, dt_s, (speed_mps, yaw_rate_radps))
-    position_m, turned_rad = arc(3.0, yaw_rad, speed_mps, yaw_rate_radps)
-    np.testing.assert_allclose(reference.position_m, position_m, atol=abs(speed_mps) * dt_s + 1e-9)
-    np.testing.assert_allclose(reference.rpy, [0, 0, turned_rad], atol=1e-9)
-    velocity_mps = speed_mps * np.array([math.cos(turned_rad), math.sin(turned_rad), 0])
-    np.testing.assert_allclose(reference.velocity_mps, velocity_mps, atol=1e-9)
-
-
-@pytest.mark.parametrize("yaw_rad", [0.0, 0.7, math.pi / 2, math.pi, -2.4])
-def test_it_waits_for_a_robot_that_stands_still(yaw_rad):
-    reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
-    for _ in range(500):
-        step(reference, 0.002, (0.5, 0.0), START_M, yaw_rad, LEVEL)
-    heading = np.array([math.cos(yaw_rad), math.sin(yaw_rad), 0])
-    np.testing.assert_allclose(reference.position_m, START_M + LEASH_M * heading, atol=1e-12)
-    for _ in range(500):
-        step(reference, 0.002, (0.0, -0.5), START_M, yaw_rad, LEVEL)
-    assert (reference.rpy[2] - yaw_rad + math.pi) % (2 * math.pi) - math.pi == pytest.approx(-LEASH_RAD)
 
 
 @given(angle, angle, st.floats(-1, 1), st.floats(-2, 2), st.tuples(st.floats(-3, 3), st.floats(-3, 3)))
@@ -105,3 +75,41 @@ def test_ahead_is_stepping_on(yaw_rad, slope, speed_mps, yaw_rate_radps):
         np.testing.assert_allclose(state[3:6], reference.position_m, atol=5e-4)
         np.testing.assert_allclose(state[6:9], [0, 0, yaw_rate_radps], atol=0)
         np.testing.assert_allclose(state[9:], reference.velocity_mps, atol=1e-9)
+
+
+FOOT = np.array([0.18, 0.122, -0.27])
+
+
+def landing(position, yaw, velocity, wanted, yaw_rate=0.0, until_s=0.1, stance_s=0.25, plane=LEVEL):
+    foot = np.empty(3)
+    vectors = (np.asarray(each, float) for each in (velocity, wanted))
+    foothold(np.asarray(position, float), yaw, *vectors, yaw_rate, FOOT, until_s, stance_s, plane, foot)
+    return foot
+
+
+@given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(-3, 3))
+def test_in_mid_stance_the_foot_is_where_it_stands_under_a_body_that_goes_as_wanted(vx, vy, yaw):
+    velocity = np.array([vx, vy, 0.0])
+    foot = landing([1, 2, 0.3], yaw, velocity, velocity)
+    body = np.array([1, 2, 0.3]) + velocity * (0.1 + 0.125)
+    expected = body + Rotation.from_euler("z", yaw).apply(FOOT)
+    np.testing.assert_allclose(foot[:2], expected[:2], atol=1e-12)
+    assert foot[2] == 0
+
+
+def test_in_a_turn_the_foot_is_put_into_the_turn():
+    # Turning on the spot, the hip's way in half a stance is an arc; the foothold is right to first order.
+    for stance_s in (0.2, 0.1, 0.05):
+        foot = landing([0, 0, 0], 0.3, [0, 0, 0], [0, 0, 0], yaw_rate=0.8, until_s=0.0, stance_s=stance_s)
+        turned = Rotation.from_euler("z", 0.3 + 0.8 * stance_s / 2).apply(FOOT)
+        assert np.linalg.norm((foot - turned)[:2]) < (0.8 * stance_s / 2) ** 2 * math.hypot(*FOOT[:2])
+        unturned = Rotation.from_euler("z", 0.3).apply(FOOT)
+        assert np.linalg.norm((foot - turned)[:2]) < 0.1 * np.linalg.norm((foot - unturned)[:2])
+
+
+def test_contacts_on_a_line_or_a_point_are_level_across():
+    plane, along = np.empty(3), np.array([[0, 0, 0], [1, 1, 0.2], [2, 2, 0.4], [3, 3, 0.6]], float)
+    fit_plane(along, plane)
+    np.testing.assert_allclose(plane, [0.1, 0.1, 0.0], atol=1e-12)
+    fit_plane(np.tile([1.0, 2.0, 0.3], (4, 1)), plane)
+    np.testing.assert_allclose(plane, [0, 0, 0.3], atol=1e-12)

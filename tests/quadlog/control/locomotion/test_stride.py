@@ -124,7 +124,7 @@ def test_a_foot_late_for_the_ground_goes_down_until_it_touches():
     np.testing.assert_array_equal(march.stride.contacts_m[PAIR], lower_m[PAIR])
 
 
-patterns = st.lists(st.tuples(st.integers(1, 60), st.lists(st.booleans(), min_size=4, max_size=4)), max_size=12)
+patterns = st.lists(st.tuples(st.integers(1, 60), st.lists(st.booleans(), min_size=4, max_size=4)), max_size=6)
 
 
 @given(st.sampled_from(list(GAITS)), patterns, st.integers(0, 2**32 - 1))

@@ -1,4 +1,4 @@
-"""MuJoCo is the oracle: a small quadruped of the tests' own, and the equations of motion as it solves them."""
+"""MuJoCo is the oracle, and the equations of motion as it solves them."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from quadlog.control.locomotion.force_qp import Pyramid
-from quadlog.control.locomotion.wbc import WholeBodyControl, WholeBodyState, WholeBodyTargets, commands
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.control.locomotion.wbc import WholeBodyControl, WholeBodyTargets, commands
 from quadlog.control.settings import MpcSettings
+from quadlog.simulation.robot.height_field import flat
+from quadlog.simulation.robot.model import quadruped_model
+from quadlog.simulation.robot.quadruped import Quadruped
 
 SEEDS = st.integers(0, 2**32 - 1)
-MASS_KG = 12.8
+MASS_KG = 12.786
 TROT = np.array([True, False, False, True])
 ALL = np.ones(4, dtype=bool)
 # Gains [rotation, translation, swing, joints] and the weight of the base's acceleration, which are not printed.
@@ -23,94 +27,38 @@ GAINS = np.array([[80.0, 8.0], [60.0, 8.0], [350.0, 30.0], [20.0, 0.8]])
 WEIGHT = 0.1
 
 
-def leg(name, fore, side):
-    return f"""<body pos="{0.18 * fore} {0.047 * side} 0"><joint axis="1 0 0" armature=".01"/>
-      <inertial pos="0 {0.03 * side} 0" mass=".6" diaginertia=".001 .001 .001"/>
-      <body pos="0 {0.075 * side} 0"><joint axis="0 -1 0" armature=".01"/>
-        <inertial pos="0 {-0.01 * side} -.03" mass=".9" diaginertia=".005 .005 .001"/>
-        <body pos="0 0 -.22"><joint axis="0 -1 0" armature=".01"/>
-          <inertial pos="0 0 -.12" mass=".2" diaginertia=".001 .001 .0001"/>
-          <geom pos="0 0 -.22" size=".02" contype="0" conaffinity="1" friction=".8"/>
-          <site name="{name}" pos="0 0 -.22"/></body></body></body>"""
-
-
-XML = f"""<mujoco><option timestep=".002" integrator="implicitfast" cone="elliptic" impratio="10"/><worldbody>
-  <geom type="plane" size="0 0 1" contype="1" conaffinity="0" friction=".8"/>
-  <body pos="0 0 .3"><freejoint/><inertial pos=".01 0 .02" mass="{MASS_KG - 6.8}" diaginertia=".03 .06 .07"/>
-  {leg("lf", 1, 1)}{leg("rf", 1, -1)}{leg("lh", -1, 1)}{leg("rh", -1, -1)}</body></worldbody></mujoco>"""
-
-
-class Quadruped:
-    def __init__(self):
-        self.model = mujoco.MjModel.from_xml_string(XML)
-        self.data = mujoco.MjData(self.model)
-
-    def stand(self, knee_rad=1.7):
-        self.data.qpos[:] = 0.0
-        self.data.qpos[3] = 1.0
-        self.data.qpos[7:] = np.tile([0.0, -knee_rad / 2, knee_rad], 4)
-        self.data.qpos[2] = 0.44 * np.cos(knee_rad / 2) + 0.02
-        self.data.qvel[:] = 0.0
-        return self
-
-    def anywhere(self, rng):
-        """Tumbling in the air with bent legs, far above the ground."""
-        self.data.qpos[:3] = rng.normal(size=3) + np.array([0.0, 0.0, 5.0])
-        self.data.qpos[3:7] = Rotation.random(random_state=int(rng.integers(2**31))).as_quat(scalar_first=True)
-        self.data.qpos[7:] = rng.uniform(np.tile([-0.5, -1.4, 0.7], 4), np.tile([0.5, 0.2, 2.2], 4))
-        self.data.qvel[:] = rng.normal(size=18)
-        return self
-
-    def state(self):
-        model, data, state = self.model, self.data, WholeBodyState()
-        mujoco.mj_forward(model, data)
-        rates = np.zeros((4, 3, 18))
-        mujoco.mj_fullM(model, data, state.mass_matrix)
-        for k in range(4):
-            mujoco.mj_jacDot(model, data, rates[k], None, data.site_xpos[k], model.site_bodyid[k])
-        state.rotation_body_to_map[:], state.position_m[:] = data.xmat[1].reshape(3, 3), data.qpos[:3]
-        state.qvel[:], state.bias[:], state.feet_m[:] = data.qvel, data.qfrc_bias, data.site_xpos
-        state.foot_jacobians[:], state.foot_jacobian_rates[:] = self.foot_jacobians(), rates @ data.qvel
-        return state
-
-    def foot_jacobians(self):
-        jacobians = np.zeros((4, 3, 18))
-        for k in range(4):
-            mujoco.mj_jacSite(self.model, self.data, jacobians[k], None, k)
-        return jacobians
-
-    def acceleration(self, torques_nm, forces_n):
-        """(18,) by MuJoCo's forward dynamics, under joint torques and forces on the feet in map."""
-        self.data.qfrc_applied[:] = np.einsum("fak,fa->k", self.foot_jacobians(), forces_n)
-        self.data.qfrc_applied[6:] += torques_nm
-        mujoco.mj_forward(self.model, self.data)
-        self.data.qfrc_applied[:] = 0.0
-        return self.data.qacc.copy()
-
-    def rates(self, acceleration, measure, h=1e-5):
-        """How fast what measure(self) gives changes under an acceleration (18,), by central differences."""
-        qpos, qvel, found = self.data.qpos.copy(), self.data.qvel.copy(), []
-        for step in (h, -h):
-            self.data.qpos[:] = qpos
-            mujoco.mj_integratePos(self.model, self.data.qpos, qvel + step / 2 * acceleration, step)
-            self.data.qvel[:] = qvel + step * acceleration
-            mujoco.mj_forward(self.model, self.data)
-            mujoco.mj_subtreeVel(self.model, self.data)
-            found.append(measure(self))
-        self.data.qpos[:], self.data.qvel[:] = qpos, qvel
-        mujoco.mj_forward(self.model, self.data)
-        return (found[0] - found[1]) / (2 * h)
-
-    def velocities(self):
-        """(18,) of body and feet in map: angular, linear, and each foot's."""
-        feet = self.foot_jacobians() @ self.data.qvel
-        omega = self.data.xmat[1].reshape(3, 3) @ self.data.qvel[3:6]
-        return np.concatenate([omega, self.data.qvel[:3], feet.ravel()])
-
-
 @pytest.fixture(scope="module")
 def robot():
-    return Quadruped()
+    return Quadruped(quadruped_model(ROBOTS["tracking"], flat()), 0.0, 0.0, 0.0)
+
+
+def anywhere(robot, rng):
+    """The state of the robot tumbling in the air with bent legs, far above the ground."""
+    data = robot.data
+    data.qpos[:3] = rng.normal(size=3) + np.array([0.0, 0.0, 5.0])
+    data.qpos[3:7] = Rotation.random(random_state=int(rng.integers(2**31))).as_quat(scalar_first=True)
+    data.qpos[7:] = rng.uniform(np.tile([-0.5, -1.4, 0.7], 4), np.tile([0.5, 0.2, 2.2], 4))
+    data.qvel[:] = rng.normal(size=18)
+    return robot.read()
+
+
+def straight(robot, knee_rad):
+    """The state of the robot at rest with its feet below its hips."""
+    robot.data.qpos[:] = [0, 0, 5, 1, 0, 0, 0, *np.tile([0.0, -knee_rad / 2, knee_rad], 4)]
+    robot.data.qvel[:] = 0.0
+    return robot.read()
+
+
+def acceleration(robot, torques_nm, forces_n):
+    """(18,) by MuJoCo's forward dynamics, under joint torques and forces on the feet in map."""
+    data, jacobians = robot.data, np.zeros((4, 3, 18))
+    for jacobian, site in zip(jacobians, robot.model.foot_sites, strict=True):
+        mujoco.mj_jacSite(robot.model.model, data, jacobian, None, site)
+    data.qfrc_applied[:] = np.einsum("fak,fa->k", jacobians, forces_n)
+    data.qfrc_applied[6:] += torques_nm
+    mujoco.mj_forward(robot.model.model, data)
+    data.qfrc_applied[:] = 0.0
+    return data.qacc.copy()
 
 
 def near(rng, state, size=1.0):
@@ -183,32 +131,9 @@ def any_forces(rng):
 
 
 @given(seed=SEEDS)
-def test_tasks_get_the_accelerations_they_ask_for(robot, seed):
-    """Velocities in map are differentiated in MuJoCo: that qvel is partly in the body is none of its concern."""
-    rng = np.random.default_rng(seed)
-    state = robot.anywhere(rng).state()
-    targets, stance = near(rng, state), rng.random(4) < 0.6
-    _, velocity, acceleration = command_columns(state, targets, stance)
-    turn = Rotation.from_matrix(targets.rotation_body_to_map @ state.rotation_body_to_map.T).as_rotvec()
-    now = robot.velocities()
-    body, feet = targets.body, targets.feet
-    wanted_rotation = 80 * turn + 8 * (body[2] - now[:3])
-    wanted_translation = 60 * (body[0] - state.position_m) + 8 * (body[1] - now[3:6])
-    wanted_feet = feet[2] + 350 * (feet[0] - state.feet_m) + 30 * (feet[1] - now[6:].reshape(4, 3))
-    wanted_feet[stance] = 0.0
-    wanted = np.concatenate([wanted_rotation, wanted_translation, wanted_feet.ravel()])
-    scale = max(1.0, float(np.abs(acceleration).max()))
-    np.testing.assert_allclose(robot.rates(acceleration, Quadruped.velocities), wanted, rtol=0, atol=1e-6 * scale)
-
-    robot.data.qvel[:] = velocity
-    wanted_speeds = np.concatenate([body[2], body[1], np.where(stance[:, None], 0.0, feet[1]).ravel()])
-    np.testing.assert_allclose(robot.velocities(), wanted_speeds, rtol=0, atol=1e-9)
-
-
-@given(seed=SEEDS)
 def test_the_closed_form_is_the_printed_recursion(robot, seed):
     rng = np.random.default_rng(seed)
-    state = robot.anywhere(rng).state()
+    state = anywhere(robot, rng)
     targets, stance = near(rng, state), rng.random(4) < 0.6
     expected = recursion(tasks_of(state, targets, stance))
     np.testing.assert_allclose(command_columns(state, targets, stance), expected, rtol=1e-9, atol=1e-9)
@@ -218,10 +143,10 @@ def test_the_closed_form_is_the_printed_recursion(robot, seed):
 def test_forward_dynamics_gives_the_commanded_accelerations(robot, seed):
     """Torques less those of eq. 44's feedback, which the equations of motion know nothing of."""
     rng = np.random.default_rng(seed)
-    state = robot.anywhere(rng).state()
+    state = anywhere(robot, rng)
     control = controlled(state, near(rng, state), rng.random(4) < 0.6, any_forces(rng))
     moves, speeds, wanted = control.out[6:, 0], control.out[6:, 1] - state.qvel[6:], control.out[:, 2]
-    found = robot.acceleration(control.torques_nm - GAINS[3, 0] * moves - GAINS[3, 1] * speeds, control.forces_n)
+    found = acceleration(robot, control.torques_nm - GAINS[3, 0] * moves - GAINS[3, 1] * speeds, control.forces_n)
     assert np.abs(found - wanted).max() < 1e-11 * max(1.0, np.abs(wanted).max())
 
 
@@ -229,7 +154,7 @@ def test_forward_dynamics_gives_the_commanded_accelerations(robot, seed):
 def test_forces_against_the_qp_with_its_equality(robot, seed, far):
     """Both unknowns, change of forces and of base acceleration, and the base's six rows between them; PIQP."""
     rng = np.random.default_rng(seed)
-    state = robot.anywhere(rng).state()
+    state = anywhere(robot, rng)
     targets, stance, mpc_forces_n = near(rng, state, far), rng.random(4) < 0.7, any_forces(rng)
     control = controlled(state, targets, stance, mpc_forces_n)
     assert (control.forces_n[~stance] == 0).all()
@@ -266,7 +191,7 @@ def test_straight_legs_ask_for_nothing_endless(robot, stance):
     """No jump as the knees pass through 0, nor where damping begins."""
     before = None
     for knee_rad in np.linspace(0.3, -0.3, 601):
-        state = robot.stand(knee_rad).state()
+        state = straight(robot, knee_rad)
         still = targets_of(np.eye(3), np.zeros((3, 3)), np.zeros((3, 4, 3)))
         still.feet[0] = state.feet_m
         still.body[0] = state.position_m + np.array([0.0, 0.0, 0.01])
@@ -278,7 +203,7 @@ def test_straight_legs_ask_for_nothing_endless(robot, stance):
 
 def test_torques_are_cut_to_their_limits_and_what_is_no_number_is_none(robot):
     rng = np.random.default_rng(0)
-    state = robot.anywhere(rng).state()
+    state = anywhere(robot, rng)
     targets, forces_n = near(rng, state), any_forces(rng)
     free = controlled(state, targets, TROT, forces_n).torques_nm
     most_nm = float(np.median(np.abs(free)))

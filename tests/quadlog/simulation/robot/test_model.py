@@ -104,8 +104,8 @@ def test_feet_are_where_our_kinematics_have_them(robot):
 
 @pytest.mark.parametrize(
     "ground",
-    [flat(), undulating(0.03, seed=1, extent=NEAR), undulating(0.06, seed=2, extent=NEAR)],
-    ids=["flat", "3cm", "6cm"],
+    [flat(), undulating(0.06, seed=2, extent=NEAR)],
+    ids=["flat", "6cm"],
 )
 @robots
 def test_it_stands_still(robot, ground: HeightField):

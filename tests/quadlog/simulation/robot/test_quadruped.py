@@ -7,7 +7,7 @@ from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.wbc import SIZE
 from quadlog.simulation.robot.height_field import flat
 from quadlog.simulation.robot.model import QuadrupedModel, quadruped_model
-from quadlog.simulation.robot.quadruped import Quadruped, roll_pitch_yaw
+from quadlog.simulation.robot.quadruped import Quadruped
 
 ROBOT = ROBOTS["tracking"]
 
@@ -48,30 +48,7 @@ def jacobians_at(model: QuadrupedModel, qpos: np.ndarray) -> np.ndarray:
     return np.stack(ways, axis=-1) / (2 * h)
 
 
-def hold(quadruped: Quadruped, seconds: float) -> None:
-    """Stand by springs in the joints; the last act comes last."""
-    model, data = quadruped.model, quadruped.data
-    wanted = data.qpos[model.joint_qpos].copy()
-    for _ in range(round(seconds / model.model.opt.timestep)):
-        quadruped.read()
-        quadruped.act(400 * (wanted - data.qpos[model.joint_qpos]) - 8 * data.qvel[model.joint_qvel])
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_the_state_read_is_mujocos(model, seed):
-    quadruped = tumbling(model, seed)
-    qpos, qvel = quadruped.data.qpos.copy(), quadruped.data.qvel.copy()
-    state = quadruped.read()
-    np.testing.assert_array_equal(state.position_m, qpos[:3])
-    np.testing.assert_array_equal(state.qvel, qvel)
-    np.testing.assert_allclose(
-        state.rotation_body_to_map, Rotation.from_quat(qpos[[4, 5, 6, 3]]).as_matrix(), atol=1e-12
-    )
-    np.testing.assert_allclose(state.feet_m, feet_at(model, qpos), atol=1e-12)
-    np.testing.assert_array_equal(state.rpy, roll_pitch_yaw(state.rotation_body_to_map))
-
-
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_jacobians_and_their_change_are_finite_differences_of_the_feet(model, seed):
     quadruped = tumbling(model, seed)
     qpos, qvel, state = quadruped.data.qpos.copy(), quadruped.data.qvel.copy(), quadruped.read()
@@ -81,10 +58,16 @@ def test_jacobians_and_their_change_are_finite_differences_of_the_feet(model, se
     np.testing.assert_allclose(state.foot_jacobian_rates, change @ qvel / (2 * h), atol=2e-5, rtol=1e-5)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_mass_and_bias_are_mujocos_inverse_dynamics(model, seed):
+@pytest.mark.parametrize("seed", range(2))
+def test_pose_mass_and_bias_are_mujocos(model, seed):
     quadruped = tumbling(model, seed)
-    state = quadruped.read()
+    qpos, qvel, state = quadruped.data.qpos.copy(), quadruped.data.qvel.copy(), quadruped.read()
+    rotation = Rotation.from_quat(qpos[[4, 5, 6, 3]])
+    np.testing.assert_array_equal(state.position_m, qpos[:3])
+    np.testing.assert_array_equal(state.qvel, qvel)
+    np.testing.assert_allclose(state.rotation_body_to_map, rotation.as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(state.rpy, rotation.as_euler("ZYX")[::-1], atol=1e-9)
+    np.testing.assert_allclose(state.feet_m, feet_at(model, qpos), atol=1e-12)
     data = mujoco.MjData(model.model)
     data.qpos[:], data.qvel[:] = quadruped.data.qpos, quadruped.data.qvel
     mujoco.mj_forward(model.model, data)
@@ -95,9 +78,6 @@ def test_mass_and_bias_are_mujocos_inverse_dynamics(model, seed):
         data.qacc[:] = e
         mujoco.mj_inverse(model.model, data)
         np.testing.assert_allclose(state.mass_matrix[:, row] + state.bias, data.qfrc_inverse, atol=1e-10)
-    full = np.zeros((SIZE, SIZE))
-    mujoco.mj_fullM(model.model, data, full)
-    np.testing.assert_allclose(state.mass_matrix, full, atol=1e-12)
 
 
 def test_a_foot_touches_when_it_is_no_higher_than_its_radius(model):
@@ -119,7 +99,6 @@ def test_a_foot_touches_when_it_is_no_higher_than_its_radius(model):
 
 def test_foot_loads_sum_to_the_vertical_constraint_force(model):
     quadruped, rng = Quadruped(model, 0.0, 0.0, 0.0), np.random.default_rng(1)
-    hold(quadruped, 0.1)
     for _ in range(50):
         quadruped.read()
         quadruped.act(rng.uniform(-4, 4, 12))
@@ -143,10 +122,3 @@ def test_a_push_changes_the_momentum_for_one_tick(model):
         quadruped.read()
         change = momentum(quadruped) - before
         np.testing.assert_allclose(change, dt_s * (weight_n + (0 if push_n is None else push_n)), rtol=1e-3, atol=1e-3)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_roll_pitch_yaw_against_scipy(seed):
-    rotation = Rotation.random(random_state=seed)
-    yaw, pitch, roll = rotation.as_euler("ZYX")
-    np.testing.assert_allclose(roll_pitch_yaw(rotation.as_matrix()), [roll, pitch, yaw], atol=1e-12)

@@ -7,14 +7,14 @@ from scipy.spatial.transform import Rotation
 from quadlog.messages import Imu, Odometry, Pose
 from quadlog.simulation.robot.height_field import slope
 from quadlog.simulation.sensors.imu import ImuErrors, imu_messages
-from quadlog.simulation.sensors.trajectory import ROBOT_FEET_M, Motion, OnTerrain, Route, RouteWalk
+from quadlog.simulation.sensors.trajectory import ROBOT_FEET_M, OnTerrain, Route, RouteWalk
 from quadlog.simulation.synthetic import follow
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, ODOMETRY_TOPIC, ROBOT_TRUTH_TOPIC, START_NS
 
 
 @pytest.fixture(scope="module")
 def recording():
-    return follow.synthesize(seed=2, duration_s=40.0, azimuth_steps=16)
+    return follow.synthesize(seed=2, duration_s=20.0, azimuth_steps=16)
 
 
 @pytest.fixture(scope="module")
@@ -87,15 +87,7 @@ def test_odometry_starts_at_its_own_origin_and_drifts(by_topic):
     true_walked = np.linalg.norm(np.diff(position, axis=0), axis=1).sum()
     assert walked / true_walked == pytest.approx(1.015, abs=0.005)
     turned = yaw([each.quat_xyzw for each in messages])
-    assert (turned[-1] - turned[0]) - (true_yaw[-1] - true_yaw[0]) == pytest.approx(0.12, abs=0.05)
-
-
-class Rocking:
-    """Turns, pitches and rolls smoothly on the spot."""
-
-    def at(self, t_s):
-        pose = (1.5 * np.sin(0.7 * t_s), 0 * t_s, 0 * t_s, 1.05 * np.cos(0.7 * t_s), 0 * t_s)
-        return Motion(np.zeros((len(t_s), 2)), *pose, 0.3 * np.sin(1.1 * t_s), 0.25 * np.cos(1.7 * t_s))
+    assert (turned[-1] - turned[0]) - (true_yaw[-1] - true_yaw[0]) == pytest.approx(0.06, abs=0.03)
 
 
 def silent_readings(walk):
@@ -105,13 +97,6 @@ def silent_readings(walk):
     attitude = Rotation.from_quat([each.quat_xyzw for each in readings])
     turn_radps = (attitude[:-2].inv() * attitude[2:]).as_rotvec() / 0.02
     return attitude, turn_radps, readings
-
-
-def test_the_gyro_reads_how_the_attitude_changes():
-    _, turn_radps, readings = silent_readings(Rocking())
-    gyro = np.array([each.angular_radps for each in readings])[1:-1]
-    assert (np.abs(gyro).max(axis=0) > 0.3).all()
-    np.testing.assert_allclose(gyro, turn_radps, atol=1e-3)
 
 
 def test_round_a_circle_on_a_slope_the_gyro_turns_about_its_normal_and_gravity_stays_upright():

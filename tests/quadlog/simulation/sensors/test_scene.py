@@ -45,17 +45,17 @@ def test_a_ray_ends_at_the_first_surface(caster, distance_to):
 
 def test_sight_is_lost_exactly_where_the_segment_enters_something(caster, distance_to):
     rng = np.random.default_rng(1)
-    start = np.column_stack([rng.uniform(-6, 6, (600, 2)), rng.uniform(0.3, 2.5, 600)])
-    end = np.column_stack([rng.uniform(-6, 6, (600, 2)), rng.uniform(0.3, 2.5, 600)])
-    along = np.linspace(0, 1, 2001)[:, None, None]
+    start = np.column_stack([rng.uniform(-6, 6, (300, 2)), rng.uniform(0.3, 2.5, 300)])
+    end = np.column_stack([rng.uniform(-6, 6, (300, 2)), rng.uniform(0.3, 2.5, 300)])
+    along = np.linspace(0, 1, 501)[:, None, None]
     samples = (start + along * (end - start)).reshape(-1, 3)
-    depth = np.min([distance_to(obstacle)(samples) for obstacle in OBSTACLES], axis=0).reshape(2001, 600)
+    depth = np.min([distance_to(obstacle)(samples) for obstacle in OBSTACLES], axis=0).reshape(501, 300)
     outside_ends = (depth[0] > 0) & (depth[-1] > 0)
     grazing = np.abs(depth.min(axis=0)) < 0.01
     judged = outside_ends & ~grazing
     blocked = depth.min(axis=0) < 0
-    assert (judged & blocked).sum() > 50
-    assert (judged & ~blocked).sum() > 50
+    assert (judged & blocked).sum() > 25
+    assert (judged & ~blocked).sum() > 25
     np.testing.assert_array_equal(caster.line_of_sight(start, end)[judged], ~blocked[judged])
 
 

@@ -39,18 +39,6 @@ def test_motion_is_the_derivative_of_position(walk):
     np.testing.assert_allclose(motion.acceleration_mps2, faster, atol=1e-6)
 
 
-def test_a_route_through_a_circle_has_its_length_and_curvature():
-    angle = 2 * np.pi * np.arange(60) / 60
-    route = Route(3.0 * np.column_stack([np.cos(angle), np.sin(angle)]))
-    assert route.length_m == pytest.approx(6 * np.pi, rel=1e-5)
-    position, heading, curvature = route.at(np.linspace(0, route.length_m, 500))
-    np.testing.assert_allclose(np.linalg.norm(position, axis=1), 3.0, rtol=1e-5)
-    np.testing.assert_allclose(curvature, 1 / 3, rtol=2e-3)
-    np.testing.assert_allclose(
-        np.sum(position * np.column_stack([np.cos(heading), np.sin(heading)]), axis=1), 0, atol=2e-3
-    )
-
-
 T_S = np.linspace(0.0, 20.0, 60)
 
 

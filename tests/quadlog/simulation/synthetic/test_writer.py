@@ -21,7 +21,7 @@ COUNTS = {
 
 
 def write(folder: Path, seed: int = 3) -> Path:
-    recording = follow.synthesize(seed=seed, duration_s=1.0, azimuth_steps=90)
+    recording = follow.synthesize(seed=seed, duration_s=1.0, azimuth_steps=16)
     assert write_recording(folder / "walk.mcap", recording.messages()) == COUNTS
     return folder / "walk.mcap"
 

@@ -13,7 +13,6 @@ from quadlog.simulation.worlds.world import (
     body_clearance,
     body_gaps,
     discs_in,
-    rectangles_in,
     standing,
 )
 
@@ -42,17 +41,6 @@ def test_discs_cover_the_centres_in_them_and_the_cell_of_their_own(discs):
         return in_disc or any(max(abs(x - x0), abs(y - y0)) < 0.05 for x0, y0, _ in discs)
 
     np.testing.assert_array_equal(discs_in(window, np.array(discs).reshape(-1, 3)), brute_force(window, covers))
-
-
-@given(st.lists(st.tuples(COORDINATES, COORDINATES, COORDINATES, COORDINATES), max_size=3))
-def test_rectangles_cover_the_centres_in_them(corners):
-    window = Window(-17, -12, 0.1, (23, 31))
-
-    def covers(x, y):
-        return any(x0 <= x <= x1 and y0 <= y <= y1 for x0, y0, x1, y1 in corners)
-
-    found = rectangles_in(window, corners)
-    np.testing.assert_array_equal(found, brute_force(window, covers))
 
 
 def somewhere(rng, moving=()):
