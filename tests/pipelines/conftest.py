@@ -84,7 +84,7 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     send_to(None)
 
 
-TIMINGS = {"ms", "us", "us_median", "us_max"}
+TIMINGS = {"ms", "us"}
 RUN_OWN = {"stages", "startup_s", "realtime_factor", "host", "reused", "command"}
 """What run.json may say of one run alone."""
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from quadlog.errors import ExitCode, QuadlogError
 from quadlog.metrics.catalogue import CATALOGUE, THEMES
-from quadlog.results.diff import TIMINGS
 from quadlog.results.find_runs import find_runs, is_run, run_name
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table, metric_cell
@@ -91,7 +90,7 @@ def _ends(rows: Sequence[Listed]) -> Iterator[Sentence]:
 
 def chosen_metrics(rows: Sequence[Listed], most: int = COLUMNS) -> list[str]:
     """The metrics that matter most of those that any run has: the first of each theme, then the second, and so on."""
-    there = {name for row in rows for name in row.metrics} - TIMINGS
+    there = {name for row in rows for name in row.metrics} - {*THEMES["Computing"]}
     ranked = [(place, name) for labels in THEMES.values() for place, name in enumerate(labels) if name in there]
     return [name for _, name in sorted(ranked, key=lambda item: item[0])[:most]]
 
