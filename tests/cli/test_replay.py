@@ -45,7 +45,7 @@ def test_results_go_to_stdout_and_messages_to_stderr(tmp_path, quadlog, ok):
     [
         ("--force --resume", 2, "exclude each other"),
         ("--set uwb.tag_heigth_m=1", 1, "did you mean uwb.tag_height_m"),
-        ("--controller mpc", 2, "'mpc' is not one of 'fpmw', 'fpm', 'pmw', 'kinematic', 'none'"),
+        ("--controller mpc", 2, "'mpc' is not one of 'fpmw', 'fpm', 'pmw', 'kinematic', 'command', 'none'"),
         ("--planner astar --set planner.name=lpa_star", 2, "--planner astar and --set planner."),
         ("--set topics.lidar=/points", 1, "/lidar/points"),
         ("--scheduler tcp://127.0.0.1:1 --jobs 2", 2, "--scheduler and --jobs exclude each other"),
