@@ -312,7 +312,7 @@ class LifelongSearch:
         field, opened, changed = self._start_afresh(padded) if is_fresh else self._carry_over(padded, target, shift)
         orphans = NO_CELLS
         if not is_fresh and root_before != self._root:
-            known = np.flatnonzero(field.records[:, : RHS + 1].min(axis=1) < state[FAR])
+            known = np.flatnonzero(np.minimum(field.records[:, G], field.records[:, RHS]) < state[FAR])
             orphans = known[np.argsort(field.records[known, G], kind="stable")]
         self._field, self._shape, self._root, self._target = field, padded.shape, root, target
         length = repair(*field, state, opened, orphans, changed, self._rules.corner_cutting)
