@@ -12,7 +12,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
-from quadlog.config.controllers import COMMAND, CONTROLLER_NAMES
+from quadlog.config.controllers import COMMAND, controller_plugin
 from quadlog.config.schema import Config
 from quadlog.errors import CannotWrite, ExitCode, NotARun, RunExists, RunOfAnother, UnknownRunFormat
 from quadlog.pipelines.executor.progress import Progress, start_up
@@ -162,10 +162,10 @@ def _do_stages(request: ReplayRequest, log: Log, run: Path, journal: Journal) ->
     last, store = log.last_stage(), Store(request.run.parent)
     missing = [name for name, key in planned_keys(request, last).items() if not store.has(key)]
     controller = request.config.simulation.controller
-    if "control" in missing and controller not in CONTROLLER_NAMES:
+    if "control" in missing and (plugin := controller_plugin(controller)) is not None:
         from quadlog.control.locomotion.plugged import plugged_controller
 
-        plugged_controller(controller)  # an unusable one is refused before anything is done
+        plugged_controller(plugin)  # an unusable one is refused before anything is done
     with ExitStack() as stack:
         second = stack.enter_context(second_process(missing, request, journal.progress))
         before = stack.enter_context(_compiling(missing, log, request.config, journal.progress))

@@ -82,9 +82,10 @@ class SecondProcess:
                 self._process.stdin.flush()
         if stage != "control":
             return False
-        if self._request.options.until == "report":
-            with start_up.loading():
-                import quadlog.pipelines.stages.report
+        with start_up.loading():
+            import quadlog.pipelines.stages.report  # noqa: F401
+
+            if self._request.plots:
                 import quadlog.results.mpl  # noqa: F401
         steps = None
         while line := self._said.get():

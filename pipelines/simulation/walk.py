@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from quadlog.config.controllers import controller_plugin
 from quadlog.config.schema import Config
 from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead, LookaheadControl
 from quadlog.control.locomotion.plugged import plugged_controller
@@ -45,7 +46,7 @@ def walker_settings(config: Config) -> WalkerSettings:
         clearance_m=simulation.clearance_m,
         whole_body=simulation.parts is None or simulation.parts.whole_body,
         mpc=config.mpc,
-        controller=plugged_controller(simulation.controller),
+        controller=plugged_controller(controller_plugin(simulation.controller)),
     )
 
 

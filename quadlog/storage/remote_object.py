@@ -67,6 +67,7 @@ class RemoteBytes(ByteSource):
         self._url, self._info, self._kept = url, info, Kept()
 
     def read(self, offset: int, length: int) -> bytes:
+        """Bytes from offset on, fewer at the end of the object. Raises StorageFailed, StorageChanged."""
         end = min(offset + length, self.size)
         if offset >= end:
             return b""

@@ -14,7 +14,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.config.controllers import controller_plugin
 from quadlog.control.locomotion.body_reference import BodyReference
 from quadlog.control.locomotion.gait import Gait, Stride
 from quadlog.control.locomotion.numba_record import Bool
@@ -149,9 +148,8 @@ def wanted_of(twist: Float, reference: BodyReference, stride: Stride) -> BodyWan
     return BodyWanted(forward_mps, left_mps, yaw_rate_radps, *way, *steps)
 
 
-def plugged_controller(name: str) -> Callable[[Robot, Gait], CheckedController] | None:
-    """What makes a plug-in's controller for a walk; None for quadlog's own. Raises QuadlogError, as for no class."""
-    plugin = controller_plugin(name)
+def plugged_controller(plugin: Plugin | None) -> Callable[[Robot, Gait], CheckedController] | None:
+    """What makes a plug-in's controller for a walk; None without one. Raises QuadlogError for what is no controller."""
     if plugin is None:
         return None
     found = plugin.load()

@@ -211,6 +211,7 @@ class SplitReader(Container):
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RawMessage]:
+        """Of all parts, by log time. Raises NothingReadable where no part has any."""
         self._empty_parts.clear()
         yield from merge_by_time(
             (part.span_ns[0] if part.span_ns else 0, self._read_part(part, topics, start_ns, end_ns))
@@ -225,6 +226,7 @@ class SplitReader(Container):
                 yield LogTimes(self._merged[channel], t_ns)
 
     def excerpt(self, budget: Budget) -> SplitReader | None:
+        """Excerpts of parts that are spread over the recording, and share the budget."""
         count = min(budget.places, len(self._parts))
         chosen = set(spread(len(self._parts), count))
         shared = budget.shared(max(count, 1))

@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from quadlog.config.controllers import controller_plugin
 from quadlog.control.locomotion.plugged import CheckedController, plugged_controller
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
@@ -112,6 +113,6 @@ def test_it_is_given_the_robots_state_and_the_commands(model):
 def test_what_is_no_controller_is_refused(install, source):
     install("quadlog-mine", "1.0", {GROUP: {"mine": "mine:Mine", "fpmw": "mine:Mine"}}, {"mine": source})
     with pytest.raises(QuadlogError, match=r"controller mine of quadlog-mine 1\.0: is no controller"):
-        plugged_controller("mine")
+        plugged_controller(controller_plugin("mine"))
     with pytest.raises(QuadlogError, match="several have that name"):
-        plugged_controller("fpmw")
+        controller_plugin("fpmw")
