@@ -83,7 +83,7 @@ class SecondProcess:
         if stage != "control":
             return False
         with start_up.loading():
-            import quadlog.pipelines.stages.report  # noqa: F401
+            import quadlog.pipelines.stages.report
 
             if self._request.plots:
                 import quadlog.results.mpl  # noqa: F401
