@@ -48,6 +48,8 @@ def resimulate(
     if target is None or config.simulation.parts is None or len(maps_ns) == 0:
         return None
     journal.progress.begin("control", len(maps_ns))
+    if config.simulation.has_body:
+        warm_up(config.simulation.controller)  # else the first tick's time would be that of loading
     with journal.clock.stage("control"):
         starts = _starts(np.sort(maps_ns), tracks.robot, config.lidar.pose_gap_s)
         replanner = planning.replanner_of(config, target)
@@ -80,6 +82,7 @@ def walk_by_commands(
         return None
     journal.use("command")
     journal.progress.begin("control", None)
+    warm_up(config.simulation.controller)
     with journal.clock.stage("control"):
         tick_ns, (first_ns, last_ns) = NS_PER_S / RATE_HZ, track.t_ns[[0, -1]].tolist()
         ticks = int((last_ns - first_ns) / tick_ns) + 1
